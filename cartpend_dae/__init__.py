@@ -1,0 +1,49 @@
+"""Acausal modelling of electromechanical systems, calibrated on and corrected by measured data."""
+
+from cartpend_dae.assemble import assemble
+from cartpend_dae.data import Trajectory
+from cartpend_dae.errors import CartpendError, ModelError, SolverError, StructureError, StudyError
+from cartpend_dae.language import (
+    Component,
+    Param,
+    Port,
+    Statements,
+    connect,
+    der,
+    dry_friction,
+    flow,
+    initial,
+    param,
+    port,
+    signal,
+    time,
+    var,
+)
+from cartpend_dae.simulate import simulate
+from cartpend_dae.system import System
+
+__all__ = [
+    "CartpendError",
+    "Component",
+    "ModelError",
+    "Param",
+    "Port",
+    "SolverError",
+    "Statements",
+    "StructureError",
+    "StudyError",
+    "System",
+    "Trajectory",
+    "assemble",
+    "connect",
+    "der",
+    "dry_friction",
+    "flow",
+    "initial",
+    "param",
+    "port",
+    "signal",
+    "simulate",
+    "time",
+    "var",
+]

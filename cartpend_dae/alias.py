@@ -1,0 +1,283 @@
+"""FlatSystem -> AliasedSystem: equations such as a = b, a = -b, a = r b, a = const disappear.
+
+A variable with all its derivatives is a chain. Joining x = k d^j(y)/dt^j + c joins the whole chains:
+s1 = r phi makes the speeds and accelerations of the two aliases too. Factors are exact fractions, or
+expressions of parameters.
+"""
+
+from collections import defaultdict, deque
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+import casadi as ca
+import numpy as np
+
+from cartpend_dae.errors import StructureError
+from cartpend_dae.system import AliasedSystem, Coefficient, FlatSystem, Frictions, Initials, Relation
+
+_ONE, _ZERO = Fraction(1), Fraction(0)
+_CONSTANT = -1
+
+
+@dataclass(slots=True)
+class _Row:
+    """A linear equation: sum of coefficient * d^order(variable) + constant = 0, by (variable, order)."""
+
+    equation: int
+    terms: dict[tuple[int, int], Coefficient]
+    constant: Coefficient
+
+
+@dataclass(slots=True)
+class _Chains:
+    """A forest: each variable points to the chain it was joined to."""
+
+    relations: dict[int, Relation] = field(default_factory=dict)
+
+    def find(self, variable: int) -> Relation:
+        """Return the relation of a variable to the base of its chain."""
+        relation = self.relations.get(variable)
+        if relation is None:
+            return Relation(variable, 0, _ONE, _ZERO)
+        if relation.base == _CONSTANT:
+            return relation
+        upper = self.find(relation.base)
+        if upper.base == relation.base:
+            return relation
+        offset = relation.offset
+        if relation.order == 0:
+            offset = _add(_times(relation.factor, upper.offset), offset)
+        order = relation.order + upper.order
+        if upper.base == _CONSTANT:
+            order, factor = 0, _ZERO
+        else:
+            factor = _times(relation.factor, upper.factor)
+        found = Relation(upper.base, order, factor, offset)
+        self.relations[variable] = found
+        return found
+
+
+def alias(flat: FlatSystem) -> AliasedSystem:
+    """Eliminate all equations that make one variable a multiple of another, or a constant.
+
+    Parameters
+    ----------
+    flat
+        The flat system.
+
+    Raises
+    ------
+    StructureError
+        If two equations contradict each other.
+    """
+    rows = _linear_rows(flat)
+    chains = _Chains()
+    used, redundant = _merge(flat, rows, chains)
+    relations = tuple(chains.find(i) for i in range(len(flat.variables)))
+    keep = [i for i in range(len(flat.origins)) if i not in used]
+    return _substitute(flat, relations, keep, tuple(redundant))
+
+
+def _linear_rows(flat: FlatSystem) -> list[_Row]:
+    """Find the equations that are linear in variables and derivatives with coefficients constant in time."""
+    unknowns = ca.vertcat(flat.symbols, flat.derivative_symbols)
+    other = ca.vertcat(flat.frictions.force, flat.time)
+    n_equations = len(flat.origins)
+    jacobian = ca.jacobian(flat.residual, unknowns)
+    entry_rows, entry_columns = (np.asarray(part) for part in jacobian.sparsity().get_triplet())
+    values = ca.vertcat(*jacobian.nonzeros()) if jacobian.nnz() else ca.SX(0, 1)
+    everything = ca.vertcat(unknowns, other)
+    varying = np.zeros(n_equations, dtype=bool)
+    if values.numel():
+        moving = np.unique(ca.jacobian_sparsity(values, everything).get_triplet()[0]).astype(int)
+        varying[entry_rows[moving]] = True
+    forced = np.unique(ca.jacobian_sparsity(flat.residual, other).get_triplet()[0]).astype(int)
+    varying[forced] = True
+    constants = ca.substitute(flat.residual, unknowns, ca.SX.zeros(unknowns.numel()))
+    keys = [(i, 0) for i in range(len(flat.variables))] + list(flat.derivatives)
+    rows = {i: _Row(i, {}, _coefficient(constants[i])) for i in np.flatnonzero(~varying).tolist()}
+    elements = values.nonzeros() if values.numel() else []
+    for entry, (row, column) in enumerate(zip(entry_rows.tolist(), entry_columns.tolist(), strict=True)):
+        if row in rows:
+            rows[row].terms[keys[column]] = _coefficient(elements[entry])
+    return list(rows.values())
+
+
+def _coefficient(value: ca.SX) -> Coefficient:
+    return Fraction(float(value)) if value.is_constant() else value
+
+
+def _times(a: Coefficient, b: Coefficient) -> Coefficient:
+    if isinstance(a, Fraction) and isinstance(b, Fraction):
+        return a * b
+    return symbolic(a) * symbolic(b)
+
+
+def _add(a: Coefficient, b: Coefficient) -> Coefficient:
+    if isinstance(a, Fraction) and isinstance(b, Fraction):
+        return a + b
+    total = symbolic(a) + symbolic(b)
+    return _coefficient(total)
+
+
+def _divide(a: Coefficient, b: Coefficient) -> Coefficient:
+    if isinstance(a, Fraction) and isinstance(b, Fraction):
+        return a / b
+    return symbolic(a) / symbolic(b)
+
+
+def symbolic(value: Coefficient) -> ca.SX:
+    """Return a coefficient as a CasADi expression."""
+    return ca.SX(float(value)) if isinstance(value, Fraction) else value
+
+
+def _is_zero(value: Coefficient) -> bool:
+    return value == 0 if isinstance(value, Fraction) else value.is_zero()
+
+
+def _merge(flat: FlatSystem, rows: list[_Row], chains: _Chains) -> tuple[set[int], list[str]]:
+    """Join chains row by row until no row with one or two terms is left; return the equations used up."""
+    used: set[int] = set()
+    redundant: list[str] = []
+    rank = _ranks(flat)
+    waiting: dict[int, set[int]] = defaultdict(set)
+    for index, row in enumerate(rows):
+        for variable, _ in row.terms:
+            waiting[variable].add(index)
+    queue = deque(range(len(rows)))
+    while queue:
+        index = queue.popleft()
+        row = rows[index]
+        if row.equation in used:
+            continue
+        _reduce(row, chains)
+        if len(row.terms) == 0:
+            _check_constant(flat, row)
+            redundant.append(flat.origins[row.equation])
+            used.add(row.equation)
+            continue
+        joined = _join(row, chains, rank, set(flat.inputs)) if len(row.terms) <= 2 else None
+        if joined is None:
+            continue
+        used.add(row.equation)
+        touched = waiting.pop(joined, set())
+        base = chains.find(joined).base
+        if base != _CONSTANT:
+            waiting[base] |= touched
+        queue.extend(touched)
+    return used, redundant
+
+
+def _reduce(row: _Row, chains: _Chains) -> None:
+    """Write a row in the bases of the chains, in place."""
+    terms: dict[tuple[int, int], Coefficient] = {}
+    for (variable, order), coefficient in row.terms.items():
+        relation = chains.find(variable)
+        if order == 0:
+            row.constant = _add(row.constant, _times(coefficient, relation.offset))
+        if relation.base == _CONSTANT:
+            continue
+        key = (relation.base, relation.order + order)
+        terms[key] = _add(terms.get(key, _ZERO), _times(coefficient, relation.factor))
+    row.terms = {key: value for key, value in terms.items() if not _is_zero(value)}
+
+
+def _check_constant(flat: FlatSystem, row: _Row) -> None:
+    """Refuse 0 = number; an expression of parameters is judged by their present values."""
+    value = _number(flat, row.constant)
+    if abs(value) > 1e-12:
+        raise StructureError(
+            f"{flat.origins[row.equation]} contradicts the other equations: after elimination it reads "
+            f"{value:.6g} = 0. Two constraints fix the same quantity at different values; remove one."
+        )
+
+
+def _number(flat: FlatSystem, value: Coefficient) -> float:
+    if isinstance(value, Fraction):
+        return float(value)
+    symbols, bindings = flat.parameter_symbols, flat.parameter_bindings
+    for _ in range(20):
+        if not ca.symvar(value):
+            return float(value)
+        value = ca.substitute(value, symbols, bindings)
+    return float("nan")
+
+
+def _ranks(flat: FlatSystem) -> list[tuple[int, int, int]]:
+    """Return how gladly each variable is kept as the base of its chain: smaller is gladder."""
+    kinds = {"input": 0, "variable": 1, "output": 2, "potential": 3, "flow": 4}
+    external = set(flat.inputs)
+    return [
+        (-1 if i in external else max(1, kinds[v.kind]), v.name.count("."), i) for i, v in enumerate(flat.variables)
+    ]
+
+
+def _join(row: _Row, chains: _Chains, rank: list[tuple[int, int, int]], inputs: set[int]) -> int | None:
+    """Use a row of one or two terms to join a chain to another; return the variable that was eliminated."""
+    items = list(row.terms.items())
+    candidates = [
+        (position, variable)
+        for position, ((variable, order), coefficient) in enumerate(items)
+        if order == 0 and variable not in inputs and isinstance(coefficient, Fraction)
+    ]
+    if len(items) == 2 and items[0][0][0] == items[1][0][0]:
+        return None
+    if not candidates:
+        candidates = [
+            (position, variable)
+            for position, ((variable, order), _) in enumerate(items)
+            if order == 0 and variable not in inputs and len(items) == 2
+        ]
+    if not candidates:
+        return None
+    position, variable = max(candidates, key=lambda candidate: rank[candidate[1]])
+    coefficient = items[position][1]
+    offset = _divide(_times(Fraction(-1), row.constant), coefficient)
+    if len(items) == 1:
+        chains.relations[variable] = Relation(_CONSTANT, 0, _ZERO, offset)
+        return variable
+    (other, order), other_coefficient = items[1 - position]
+    factor = _divide(_times(Fraction(-1), other_coefficient), coefficient)
+    chains.relations[variable] = Relation(other, order, factor, offset)
+    return variable
+
+
+def _substitute(
+    flat: FlatSystem, relations: tuple[Relation, ...], keep: list[int], redundant: tuple[str, ...]
+) -> AliasedSystem:
+    """Rewrite what remains in the symbols of the chains, by one substitution."""
+    table: dict[tuple[int, int], ca.SX] = {}
+
+    def chain_symbol(base: int, order: int) -> ca.SX:
+        for lower in range(order + 1):
+            if (base, lower) not in table:
+                name = flat.variables[base].name
+                table[base, lower] = ca.SX.sym("der(" * lower + name + ")" * lower)
+        return table[base, order]
+
+    def value(relation: Relation, more: int) -> ca.SX:
+        offset = symbolic(relation.offset) if relation.order + more == 0 or more == 0 else ca.SX(0)
+        if relation.base == _CONSTANT:
+            return offset if more == 0 else ca.SX(0)
+        return symbolic(relation.factor) * chain_symbol(relation.base, relation.order + more) + offset
+
+    old = ca.vertcat(flat.symbols, flat.derivative_symbols)
+    new = ca.vertcat(
+        *[value(relation, 0) for relation in relations],
+        *[value(relations[variable], order) for variable, order in flat.derivatives],
+    )
+    friction = flat.frictions
+    parts = [flat.residual[keep], friction.speed, friction.level_pos, friction.level_neg, flat.initials.residual]
+    residual, speed, level_pos, level_neg, initials = ca.substitute(parts, [old], [new])
+    keys = tuple(table)
+    return AliasedSystem(
+        flat=flat,
+        relations=relations,
+        keys=keys,
+        symbols=ca.vertcat(*table.values()) if table else ca.SX(0, 1),
+        residual=residual,
+        origins=tuple(flat.origins[i] for i in keep),
+        frictions=Frictions(friction.places, friction.force, speed, level_pos, level_neg),
+        initials=Initials(initials, flat.initials.fixed, flat.initials.origins),
+        redundant=redundant,
+    )

@@ -1,0 +1,94 @@
+"""System -> CasADi functions: right-hand side, outputs, and the laws of dry friction."""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from cartpend_dae.system import System
+
+
+@dataclass(frozen=True, slots=True)
+class Friction:
+    """Dry friction of a system in the form that sticking needs, all SX.
+
+    The relative accelerations are ``free + influence @ force``; the speeds are `speed`, and each force
+    lies in ``[-level_neg, level_pos]``. Shapes (n_f, 1); influence (n_f, n_f).
+    """
+
+    speed: ca.SX
+    free: ca.SX
+    influence: ca.SX
+    level_pos: ca.SX
+    level_neg: ca.SX
+
+
+@dataclass(frozen=True, slots=True)
+class Dae:
+    """CasADi functions of a system; each takes (t, x, z, u, p, force) unless said otherwise.
+
+    ``rhs`` gives (ode, alg); ``outputs`` all variables; ``jacobian_z`` the Jacobian of alg in z.
+    """
+
+    system: System
+    rhs: ca.Function
+    outputs: ca.Function
+    arguments: tuple[ca.SX, ...]
+
+
+def dae(system: System) -> Dae:
+    """Make the functions of a system.
+
+    Parameters
+    ----------
+    system
+        The assembled system.
+    """
+    s = system
+    arguments = (s.time, s.x, s.z, s.u, s.p, s.frictions.force)
+    names = ["t", "x", "z", "u", "p", "force"]
+    rhs = ca.Function("rhs", list(arguments), [s.ode, s.alg], names, ["ode", "alg"])
+    outputs = ca.Function("outputs", list(arguments), [s.outputs], names, ["y"])
+    return Dae(system, rhs, outputs, arguments)
+
+
+def friction_laws(system: System) -> Friction:
+    """Return how the dry friction forces act on their own relative accelerations.
+
+    The chain rule along the state equations gives d(speed)/dt; it is linear in the forces because
+    forces enter the equations of motion linearly.
+    """
+    s, f = system, system.frictions
+    rate = ca.jtimes(f.speed, s.x, s.ode) + ca.jacobian(f.speed, s.time)
+    influence = ca.densify(ca.jacobian(rate, f.force))
+    free = ca.substitute(rate, f.force, ca.SX.zeros(f.force.numel()))
+    return Friction(f.speed, free, influence, f.level_pos, f.level_neg)
+
+
+def regularised(system: System, sharpness: ca.SX | float) -> ca.SX:
+    """Return smooth friction forces, level * tanh(speed / sharpness), shape (n_f, 1).
+
+    Parameters
+    ----------
+    system
+        The system.
+    sharpness
+        Speed at which the force has 76 % of its level [m/s or rad/s].
+    """
+    f = system.frictions
+    smooth = ca.tanh(f.speed / sharpness)
+    return ca.if_else(f.speed >= 0, f.level_pos * smooth, f.level_neg * smooth)
+
+
+def parameter_vector(system: System, changes: dict[str, float] | None = None) -> np.ndarray:
+    """Return the values of the independent parameters, some replaced; shape (n_p,), SI units.
+
+    Raises
+    ------
+    ModelError
+        For a name that is no independent parameter.
+    """
+    values = system.parameter_values
+    for name, value in (changes or {}).items():
+        values[system.parameter_index(name)] = value
+    return values

@@ -1,0 +1,348 @@
+"""Component tree -> FlatSystem: dotted names, connection sets, balance."""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import casadi as ca
+
+from cartpend_dae.errors import ModelError
+from cartpend_dae.graph import DisjointSets
+from cartpend_dae.language import (
+    Collector,
+    Component,
+    Connection,
+    Flow,
+    Initial,
+    Port,
+    Signal,
+    Statement,
+    bindings_of,
+    collecting,
+    parameters_of,
+    parts_of,
+    symbols_of,
+    used_ports_of,
+    variables_of,
+)
+from cartpend_dae.system import FlatSystem, Frictions, Initials, Kind, Parameter, Variable
+
+
+@dataclass(slots=True)
+class _Tables:
+    """What is gathered on the walk through the tree; symbols are found by their element hash."""
+
+    components: list[tuple[str, Component]] = field(default_factory=list)
+    path_of: dict[int, str] = field(default_factory=dict)
+    variables: list[Variable] = field(default_factory=list)
+    symbols: list[ca.SX] = field(default_factory=list)
+    index_of: dict[int, int] = field(default_factory=dict)
+    parameters: list[Parameter] = field(default_factory=list)
+    parameter_symbols: list[ca.SX] = field(default_factory=list)
+    bindings: list[ca.SX] = field(default_factory=list)
+    residuals: list[ca.SX] = field(default_factory=list)
+    origins: list[str] = field(default_factory=list)
+    own_equations: Counter[str] = field(default_factory=Counter)
+    frictions: list[tuple[str, int]] = field(default_factory=list)
+    initials: list[tuple[str, Initial]] = field(default_factory=list)
+    sets: DisjointSets = field(default_factory=DisjointSets)
+    signal_sets: DisjointSets = field(default_factory=DisjointSets)
+    ports: dict[tuple[str, str], Port] = field(default_factory=dict)
+
+
+def flatten(model: Component) -> FlatSystem:
+    """Collect the equations of a component tree under dotted names.
+
+    Parameters
+    ----------
+    model
+        The whole model; its inputs that nothing drives are the inputs of the system.
+
+    Raises
+    ------
+    ModelError
+        For an equation that is none, a symbol of a foreign component, or unequal numbers of
+        equations and unknowns; components are named.
+    """
+    tables = _Tables()
+    for path, component in _walk(model, ""):
+        _declare(tables, path, component)
+    collector = Collector(ca.SX.sym("time"))
+    with collecting(collector):
+        for path, component in tables.components:
+            _collect(tables, collector, path, component)
+    inputs = _connect(tables)
+    _check_balance(tables, inputs, type(model).__name__)
+    return _freeze(tables, collector, inputs, type(model).__name__)
+
+
+def _walk(component: Component, path: str) -> Iterator[tuple[str, Component]]:
+    yield path, component
+    for name, part in parts_of(component).items():
+        yield from _walk(part, f"{path}.{name}" if path else name)
+
+
+def _declare(tables: _Tables, path: str, component: Component) -> None:
+    if id(component) in tables.path_of:
+        raise ModelError(
+            f"The same {type(component).__name__} stands in the model twice, as `{tables.path_of[id(component)]}` "
+            f"and as `{path}`; make two."
+        )
+    tables.components.append((path, component))
+    tables.path_of[id(component)] = path
+    prefix = f"{path}." if path else ""
+    for name, declared in variables_of(type(component)).items():
+        kind: Kind = "variable"
+        if isinstance(declared, Signal):
+            kind = "input" if declared.direction == "in" else "output"
+        _add_variable(tables, Variable(prefix + name, kind, declared.declaration), getattr(component, name))
+    for port_name, port in used_ports_of(component).items():
+        tables.ports[path, port_name] = port
+        for name, quantity in type(port).quantities.items():
+            kind = "flow" if isinstance(quantity, Flow) else "potential"
+            variable = Variable(f"{prefix}{port_name}.{name}", kind, quantity.declaration)
+            _add_variable(tables, variable, getattr(port, name))
+    for name, declared in parameters_of(type(component)).items():
+        binding = bindings_of(component)[name]
+        bound = ca.SX(binding)
+        value = float(ca.DM(bound)) if bound.is_constant() else None
+        tables.parameters.append(Parameter(prefix + name, declared.declaration, value))
+        tables.parameter_symbols.append(getattr(component, name))
+        tables.bindings.append(bound)
+
+
+def _add_variable(tables: _Tables, variable: Variable, symbol: ca.SX) -> None:
+    tables.index_of[symbol.element_hash()] = len(tables.variables)
+    tables.variables.append(variable)
+    tables.symbols.append(symbol)
+
+
+def _collect(tables: _Tables, collector: Collector, path: str, component: Component) -> None:
+    where = path or type(component).__name__
+    n_frictions = len(collector.frictions)
+    for count, statement in enumerate(_statements(component, where), start=1):
+        origin = f"{where}: equation {count}"
+        if isinstance(statement, Connection):
+            _join(tables, path, component, statement)
+        elif isinstance(statement, Initial):
+            tables.initials.append((f"{where}: initial equation {count}", statement))
+        else:
+            tables.residuals.append(_residual(statement, origin))
+            tables.origins.append(origin)
+            tables.own_equations[path] += 1
+    tables.frictions += [(where, i) for i in range(n_frictions, len(collector.frictions))]
+
+
+def _statements(component: Component, where: str) -> Iterator[Statement]:
+    statements = component.equations()
+    if statements is None:
+        raise ModelError(
+            f"`equations` of `{where}` ({type(component).__name__}) returns nothing: write `yield` before each equation."
+        )
+    yield from statements
+
+
+def _residual(statement: object, origin: str) -> ca.SX:
+    if isinstance(statement, bool) or (isinstance(statement, ca.SX) and statement.is_constant()):
+        always = bool(statement) if isinstance(statement, bool) else bool(float(statement))
+        what = "holds always and determines nothing" if always else "can never hold"
+        raise ModelError(f"{origin} {what}: both its sides are the same kind of constant. Remove or correct it.")
+    if not isinstance(statement, ca.SX) or not statement.is_scalar() or statement.op() != ca.OP_EQ:
+        raise ModelError(f"{origin} is `{statement}`, which is not an equation: write `left == right`.")
+    return statement.dep(0) - statement.dep(1)
+
+
+def _join(tables: _Tables, path: str, component: Component, connection: Connection) -> None:
+    """Note a connection; a port of the connecting component itself is seen from its inside."""
+    keys: list[object] = []
+    for end in connection.ends:
+        if isinstance(end, Port):
+            if id(end.owner) not in tables.path_of:
+                raise ModelError(
+                    f"`connect` in `{path or type(component).__name__}` names a port `{end.name}` of a "
+                    f"{type(end.owner).__name__} that is not part of the model: store it in an attribute in `__post_init__`."
+                )
+            side = "outside" if end.owner is component else "inside"
+            keys.append((tables.path_of[id(end.owner)], end.name, side))
+        else:
+            index = tables.index_of.get(end.element_hash()) if end.is_symbolic() else None
+            if index is None or tables.variables[index].kind not in ("input", "output"):
+                raise ModelError(
+                    f"`connect` in `{path or type(component).__name__}` names `{end}`, which is neither a port nor a signal."
+                )
+            keys.append(index)
+    sets = tables.sets if isinstance(connection.ends[0], Port) else tables.signal_sets
+    for key in keys[1:]:
+        sets.join(keys[0], key)
+
+
+def _connect(tables: _Tables) -> tuple[int, ...]:
+    """Add the equations of all connection sets and return the variables that are inputs of the model."""
+    for path, name in tables.ports:
+        tables.sets.find((path, name, "inside")) if path else None
+    for members in tables.sets.sets():
+        _port_equations(tables, members)  # type: ignore[arg-type]
+    undriven = {i for i, variable in enumerate(tables.variables) if variable.kind == "input"}
+    external: list[int] = []
+    for members in tables.signal_sets.sets():
+        indices = sorted((int(i) for i in members), key=lambda i: (tables.variables[i].name.count("."), i))  # type: ignore[call-overload]
+        outputs = [i for i in indices if tables.variables[i].kind == "output"]
+        undriven -= set(indices)
+        source = outputs[-1] if outputs else indices[0]
+        if not outputs:
+            external.append(source)
+        for index in indices:
+            if index != source:
+                tables.residuals.append(tables.symbols[index] - tables.symbols[source])
+                tables.origins.append(_set_name([tables.variables[source].name, tables.variables[index].name]))
+    return tuple(sorted(undriven | set(external)))
+
+
+def _port_equations(tables: _Tables, members: list[tuple[str, str, str]]) -> None:
+    ports = [(tables.ports[path, name], side) for path, name, side in members]
+    names = [f"{path}.{name}" if path else name for path, name, _ in members]
+    label = _set_name(names)
+    for quantity, kind in type(ports[0][0]).quantities.items():
+        if isinstance(kind, Flow):
+            total = ca.SX(0)
+            for port, side in ports:
+                total += getattr(port, quantity) if side == "inside" else -getattr(port, quantity)
+            tables.residuals.append(total)
+            tables.origins.append(f"{label}: sum of {quantity}")
+        else:
+            for name, (port, _) in zip(names[1:], ports[1:], strict=True):
+                tables.residuals.append(getattr(ports[0][0], quantity) - getattr(port, quantity))
+                tables.origins.append(f"{_set_name([names[0], name])}: equal {quantity}")
+
+
+def _set_name(names: list[str]) -> str:
+    if len(names) == 1:
+        return f"unconnected {names[0]}"
+    return "connection of " + ", ".join(sorted(set(names)))
+
+
+def _check_balance(tables: _Tables, inputs: tuple[int, ...], name: str) -> None:
+    n_unknowns = len(tables.variables) - len(inputs)
+    findings = sorted(_local_findings(tables))
+    if n_unknowns == len(tables.residuals) and not findings:
+        return
+    counts = f"{name} has {len(tables.residuals)} equations for {n_unknowns} unknowns"
+    listing = "\n".join(f"  - {finding}" for finding in findings)
+    if not findings:
+        listing = "  - every component is balanced: look for a signal that two outputs drive"
+    raise ModelError(f"{counts}; look here:\n{listing}")
+
+
+def _local_findings(tables: _Tables) -> Iterator[str]:
+    """Compare each component's equations with own variables + output signals + flows of its ports."""
+    inner = {key[:2] for members in tables.sets.sets() for key in members if key[2] == "outside"}  # type: ignore[index]
+    driven = {
+        int(i)  # type: ignore[call-overload]
+        for members in tables.signal_sets.sets()
+        for i in members
+    }
+    for path, component in tables.components:
+        expected = 0
+        for name, declared in variables_of(type(component)).items():
+            index = tables.index_of[symbols_of(component)[name].element_hash()]
+            if isinstance(declared, Signal):
+                expected += declared.direction == "out" and not (parts_of(component) and index in driven)
+            else:
+                expected += 1
+        for port_name, port in used_ports_of(component).items():
+            if (path, port_name) not in inner:
+                expected += sum(isinstance(kind, Flow) for kind in type(port).quantities.values())
+        given = tables.own_equations[path]
+        if given != expected:
+            difference = "too few" if given < expected else "too many"
+            yield (
+                f"`{path or type(component).__name__}` ({type(component).__name__}) gives {given} equations and needs "
+                f"{expected} (own variables, output signals and port flows): {abs(given - expected)} {difference}"
+                + ("; is `yield from super().equations()` missing?" if given < expected else "")
+            )
+
+
+def _freeze(tables: _Tables, collector: Collector, inputs: tuple[int, ...], name: str) -> FlatSystem:
+    derivatives, symbols, zero = _derivatives(tables, collector)
+    residual = ca.vertcat(*tables.residuals) if tables.residuals else ca.SX(0, 1)
+    frictions = _frictions(tables, collector)
+    initials = ca.vertcat(*[_residual(i.equation, o) for o, i in tables.initials]) if tables.initials else ca.SX(0, 1)
+    if zero:
+        residual, initials = ca.substitute([residual, initials], zero, [ca.SX(0)] * len(zero))
+    flat = FlatSystem(
+        name=name,
+        components=tuple((path, type(component).__name__) for path, component in tables.components),
+        variables=tuple(tables.variables),
+        symbols=ca.vertcat(*tables.symbols),
+        derivatives=derivatives,
+        derivative_symbols=symbols,
+        parameters=tuple(tables.parameters),
+        parameter_symbols=ca.vertcat(*tables.parameter_symbols) if tables.parameters else ca.SX(0, 1),
+        parameter_bindings=ca.vertcat(*tables.bindings) if tables.bindings else ca.SX(0, 1),
+        time=collector.time,
+        inputs=inputs,
+        frictions=frictions,
+        residual=residual,
+        origins=tuple(tables.origins),
+        initials=Initials(initials, tuple(i.fixed for _, i in tables.initials), tuple(o for o, _ in tables.initials)),
+        connections=tuple(
+            tuple(f"{k[0]}.{k[1]}" if k[0] else k[1] for k in members)  # type: ignore[index]
+            for members in tables.sets.sets()
+        ),
+    )
+    _check_symbols(flat)
+    return flat
+
+
+def _derivatives(tables: _Tables, collector: Collector) -> tuple[tuple[tuple[int, int], ...], ca.SX, list[ca.SX]]:
+    """Return (variable, order) and symbol of each derivative, and the derivatives of parameters, which are zero."""
+    parameters = {symbol.element_hash() for symbol in tables.parameter_symbols}
+    known: dict[int, tuple[int, int] | None] = {}
+    keys, symbols, zero = [], [], []
+    for key, (symbol, derivative) in collector.derivatives.items():
+        if key in tables.index_of:
+            found: tuple[int, int] | None = (tables.index_of[key], 1)
+        elif key in parameters:
+            found = None
+        elif key in known:
+            lower = known[key]
+            found = None if lower is None else (lower[0], lower[1] + 1)
+        else:
+            raise ModelError(f"`der({symbol})` names a quantity of a component that is not part of the model.")
+        known[derivative.element_hash()] = found
+        if found is None:
+            zero.append(derivative)
+        else:
+            keys.append(found)
+            symbols.append(derivative)
+    return tuple(keys), ca.vertcat(*symbols) if symbols else ca.SX(0, 1), zero
+
+
+def _frictions(tables: _Tables, collector: Collector) -> Frictions:
+    items = [(place, collector.frictions[i]) for place, i in tables.frictions]
+    if not items:
+        none = ca.SX(0, 1)
+        return Frictions((), none, none, none, none)
+    return Frictions(
+        places=tuple(place for place, _ in items),
+        force=ca.vertcat(*[friction.force for _, friction in items]),
+        speed=ca.vertcat(*[friction.speed for _, friction in items]),
+        level_pos=ca.vertcat(*[friction.level_pos for _, friction in items]),
+        level_neg=ca.vertcat(*[friction.level_neg for _, friction in items]),
+    )
+
+
+def _check_symbols(flat: FlatSystem) -> None:
+    known = ca.vertcat(flat.symbols, flat.derivative_symbols, flat.parameter_symbols, flat.time, flat.frictions.force)
+    foreign = _foreign(ca.vertcat(flat.residual, flat.parameter_bindings), known)
+    if foreign:
+        listing = ", ".join(f"`{symbol}`" for symbol in foreign)
+        raise ModelError(
+            f"{flat.name} uses {listing} of a component that is not part of the model: "
+            f"store every part in an attribute in `__post_init__`."
+        )
+
+
+def _foreign(expression: ca.SX, known: ca.SX) -> list[ca.SX]:
+    hashes = {symbol.element_hash() for symbol in ca.vertsplit(known)}
+    return [symbol for symbol in ca.symvar(expression) if symbol.element_hash() not in hashes]

@@ -1,0 +1,361 @@
+"""Run a model: adaptive by CasADi's integrators, or with a fixed step as older studies did."""
+
+import contextlib
+import io
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+
+from cartpend_dae.assemble import assemble, check_bounds
+from cartpend_dae.dae import dae, parameter_vector
+from cartpend_dae.data import Trajectory
+from cartpend_dae.errors import ModelError, SolverError
+from cartpend_dae.events import HybridFriction, friction_events
+from cartpend_dae.initialize import Start, initialize
+from cartpend_dae.language import Component
+from cartpend_dae.stepping import runge_kutta
+from cartpend_dae.system import System
+
+Sampled = tuple[Sequence[float] | np.ndarray, Sequence[float] | np.ndarray]
+Input = float | int | Callable[[ca.SX], ca.SX] | Sampled | tuple[np.ndarray, np.ndarray, Literal["zoh", "foh"]]
+Method = Literal["adaptive", "cvodes", "idas", "erk", "rosenbrock", "rk4"]
+
+
+@dataclass(frozen=True, slots=True)
+class _Inputs:
+    """Inputs over the intervals of a grid: value at the left end and slope, shapes (n_u, n_intervals)."""
+
+    left: np.ndarray
+    slope: np.ndarray
+    expressions: dict[int, Callable[[ca.SX], ca.SX]]
+
+
+def simulate(
+    model: Component | System,
+    stop: float | None = None,
+    *,
+    times: Sequence[float] | np.ndarray | None = None,
+    points: int = 501,
+    inputs: Mapping[str, Input] | None = None,
+    start: Mapping[str, float] | None = None,
+    parameters: Mapping[str, float] | None = None,
+    method: Method = "adaptive",
+    step: float | None = None,
+    rtol: float = 1e-8,
+    atol: float = 1e-10,
+) -> Trajectory:
+    """Simulate a model from consistent start values.
+
+    Parameters
+    ----------
+    model
+        A component, or the system that `assemble` made of it.
+    stop
+        End of the simulation [s]; it starts at 0. Not needed with `times`.
+    times
+        Output times [s], strictly increasing; the first is the start.
+    points
+        Number of equally spaced output times if `times` is not given.
+    inputs
+        By input name: a number, a function of time in CasADi terms, or a pair (times, values) of samples,
+        joined linearly; a third item ``"zoh"`` holds each sample until the next. SI units.
+    start
+        Start values by variable name, in SI units; they overrule those of the model.
+    parameters
+        Other values of parameters, by name, in SI units.
+    method
+        ``"adaptive"`` chooses among CasADi's integrators: cvodes for smooth explicit models, idas with algebraic
+        variables, rosenbrock with events where there is dry friction. ``"rk4"`` is the classical Runge-Kutta
+        method with the fixed `step`.
+    step
+        Step of ``"rk4"`` [s]; output intervals are divided into equal steps no longer than this.
+    rtol, atol
+        Relative and absolute tolerance of the adaptive methods.
+
+    Returns
+    -------
+    Trajectory
+        Every variable of the model by its dotted name, shape (n_times,) each, SI units.
+
+    Raises
+    ------
+    ModelError
+        For an unknown name, a missing input, or output times that do not increase.
+    SolverError
+        If no consistent start exists or the integration fails.
+    """
+    system = assemble(model)
+    grid = _grid(stop, times, points, step if method == "rk4" and times is None else None)
+    p = parameter_vector(system, dict(parameters or {}))
+    check_bounds(system, p)
+    fine = _with_knots(grid, inputs or {})
+    driven = _inputs(system, inputs or {}, fine)
+    u_0 = _input_values(driven, fine[:1], driven.left[:, :1])[:, 0]
+    begin = initialize(system, p, u_0, dict(start or {}), float(grid[0]))
+    _check_start(system, begin, u_0, p, float(grid[0]))
+    if method == "rk4":
+        x, z, modes = _fixed_steps(system, begin, driven, p, fine, step)
+    else:
+        x, z, modes = _adaptive(system, begin, driven, p, fine, method, rtol, atol)
+    return _trajectory(system, fine, grid, x, z, modes, driven, p)
+
+
+def _grid(
+    stop: float | None, times: Sequence[float] | np.ndarray | None, points: int, step: float | None
+) -> np.ndarray:
+    if times is not None:
+        grid = np.asarray(times, dtype=float)
+    elif stop is None:
+        raise ModelError("`simulate` needs `stop`, the end of the simulation in seconds, or output `times`.")
+    elif step is not None:
+        grid = np.arange(round(stop / step) + 1) * step
+    else:
+        grid = np.linspace(0.0, stop, points)
+    if grid.ndim != 1 or grid.size < 2 or not np.all(np.diff(grid) > 0):
+        raise ModelError("`simulate` needs at least two output times that increase strictly; check `stop` and `times`.")
+    return grid
+
+
+def _with_knots(grid: np.ndarray, inputs: Mapping[str, Input]) -> np.ndarray:
+    """Add the sample times of inputs, where slopes or values jump, to the output times."""
+    knots = [np.asarray(value[0], dtype=float) for value in inputs.values() if isinstance(value, tuple)]
+    if not knots:
+        return grid
+    inside = np.concatenate(knots)
+    inside = inside[(inside > grid[0]) & (inside < grid[-1])]
+    merged = np.union1d(grid, inside)
+    # two knots closer than rounding would make an empty interval; output times win
+    close = np.flatnonzero(np.diff(merged) < 1e-12 * max(1.0, float(np.abs(merged).max())))
+    drop = [k + 1 if merged[k] in grid else k for k in close]
+    return np.delete(merged, drop)
+
+
+def _inputs(system: System, inputs: Mapping[str, Input], grid: np.ndarray) -> _Inputs:
+    n_intervals = grid.size - 1
+    left, slope = np.zeros((len(system.inputs), n_intervals)), np.zeros((len(system.inputs), n_intervals))
+    expressions: dict[int, Callable[[ca.SX], ca.SX]] = {}
+    known = dict(zip(system.inputs, range(len(system.inputs)), strict=True))
+    for name in inputs:
+        if name not in known:
+            listing = ", ".join(f"`{other}`" for other in system.inputs) or "none"
+            raise ModelError(f"{system.name} has no input `{name}`; its inputs are: {listing}.")
+    for name, row in known.items():
+        default = system.variables[system.index_of(name)].declaration.default
+        value = inputs.get(name, default)
+        if value is None:
+            raise ModelError(f"Nothing drives the input `{name}` of {system.name}: give `inputs={{'{name}': ...}}`.")
+        if callable(value):
+            expressions[row] = value
+        elif isinstance(value, tuple):
+            left[row], slope[row] = _sampled(name, value, grid)
+        else:
+            left[row] = float(value)
+    return _Inputs(left, slope, expressions)
+
+
+def _sampled(name: str, value: tuple, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    knots, samples = np.asarray(value[0], dtype=float), np.asarray(value[1], dtype=float)
+    hold = value[2] if len(value) == 3 else "foh"
+    if knots.shape != samples.shape or knots.ndim != 1 or knots.size < 1 or np.any(np.diff(knots) <= 0):
+        raise ModelError(
+            f"The samples of input `{name}` must be two rows of equal length with increasing times: "
+            f"found {knots.shape} times and {samples.shape} values."
+        )
+    if hold == "zoh":
+        # a sample holds from its own time on; the small shift keeps grid points that differ by rounding
+        index = np.searchsorted(knots, grid[:-1] + 1e-9 * (grid[1:] - grid[:-1]), side="right") - 1
+        return samples[np.clip(index, 0, None)], np.zeros(grid.size - 1)
+    values = np.interp(grid, knots, samples)
+    return values[:-1], np.diff(values) / np.diff(grid)
+
+
+def _input_values(driven: _Inputs, times: np.ndarray, sampled: np.ndarray) -> np.ndarray:
+    values = sampled.copy()
+    for row, expression in driven.expressions.items():
+        symbol = ca.SX.sym("time")
+        function = ca.Function("input", [symbol], [ca.SX(expression(symbol))])
+        values[row] = np.asarray(function(times.reshape(1, -1))).ravel()
+    return values
+
+
+def _check_start(system: System, start: Start, u: np.ndarray, p: np.ndarray, time: float) -> None:
+    ode, _ = dae(system).rhs(time, start.x, start.z, u, p, np.zeros(system.frictions.force.numel()))
+    bad = [name for name, value in zip(system.states, np.asarray(ode).ravel(), strict=True) if not np.isfinite(value)]
+    if bad:
+        listing = ", ".join(f"`{name}`" for name in bad)
+        raise SolverError(
+            f"{system.name}: the derivative of {listing} is not finite at the start: a mass, inertia, inductance "
+            f"or ratio is zero. Check the parameters in its equation (`cartpend check` prints it)."
+        )
+
+
+def _adaptive(
+    system: System, start: Start, driven: _Inputs, p: np.ndarray, grid: np.ndarray, method: Method, rtol: float, atol: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Integrate over the grid; return states (n_x, n), algebraics (n_z, n) and friction modes (n_f, n)."""
+    hybrid = friction_events(system) if system.frictions.places else None
+    n_x, n_f = system.x.numel(), len(system.frictions.places)
+    if hybrid is None and n_x == 0:
+        return np.zeros((0, grid.size)), _algebraic_only(system, start, driven, p, grid), np.zeros((0, grid.size))
+    plugin = _plugin(system, method)
+    problem, settle = _problem(system, driven, hybrid)
+    options: dict[str, object] = {"reltol": rtol, "abstol": atol, "show_eval_warnings": False}
+    if plugin in ("cvodes", "idas"):
+        options["max_num_steps"] = 1_000_000
+    x_0 = start.x
+    if hybrid is not None:
+        span = float(grid[-1] - grid[0])
+        options |= {"max_step_size": span / 500, "max_events": 100_000, "transition": settle}
+        x_0 = np.concatenate([start.x, _start_modes(system, hybrid, start, driven, p, grid)])
+    stacked = np.vstack([driven.left, driven.slope, grid[:-1]])
+    try:
+        with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
+            integrator = ca.integrator("run", plugin, problem, float(grid[0]), grid[1:].tolist(), options)
+            result = integrator(x0=x_0, z0=start.z, p=p, u=stacked)
+    except RuntimeError as error:
+        raise SolverError(_failure(system, plugin, str(error), grid)) from None
+    x = np.column_stack([x_0, np.asarray(result["xf"])])
+    z = np.column_stack([start.z, np.asarray(result["zf"])]) if start.z.size else np.zeros((0, grid.size))
+    if not np.all(np.isfinite(x)):
+        raise SolverError(_failure(system, plugin, "a state is not finite", grid))
+    return x[:n_x], z, x[n_x:] if n_f else np.zeros((0, grid.size))
+
+
+def _plugin(system: System, method: Method) -> str:
+    if system.frictions.places:
+        if method in ("cvodes", "idas"):
+            raise ModelError(f"Method `{method}` cannot locate the events of dry friction; use `adaptive`.")
+        return "rosenbrock" if method == "adaptive" else method
+    if method == "adaptive":
+        return "idas" if system.algebraics else "cvodes"
+    return method
+
+
+def _problem(
+    system: System, driven: _Inputs, hybrid: HybridFriction | None
+) -> tuple[dict[str, ca.SX], ca.Function | None]:
+    """Return the problem for `casadi.integrator`, with inputs linear in time over each interval."""
+    s = system
+    n_u = len(s.inputs)
+    left, slope, begin = ca.SX.sym("left", n_u), ca.SX.sym("slope", n_u), ca.SX.sym("begin")
+    values = left + slope * (s.time - begin)
+    for row, expression in driven.expressions.items():
+        values[row] = ca.SX(expression(s.time))
+    u = ca.vertcat(left, slope, begin)
+    ode, alg = s.ode, s.alg
+    if hybrid is None:
+        ode, alg = _in_inputs([ode, alg], s, values)
+        return {"x": s.x, "z": s.z, "p": s.p, "u": u, "t": s.time, "ode": ode, "alg": alg}, None
+    ode, alg = ca.substitute([ode, alg], [s.frictions.force], [hybrid.force])
+    x = ca.vertcat(s.x, hybrid.modes)
+    ode = ca.vertcat(ode, ca.SX.zeros(hybrid.modes.numel()))
+    ode, alg, indicators = _in_inputs([ode, alg, hybrid.indicators], s, values)
+    fired = ca.SX.sym("fired")
+    settled = hybrid.settle(s.time, s.x, hybrid.modes, s.z, values, s.p)
+    transition = ca.Function(
+        "transition", [fired, s.time, x, s.z, s.p, u], [ca.vertcat(*settled), s.z], ca.event_in(), ca.event_out()
+    )
+    problem = {"x": x, "z": s.z, "p": s.p, "u": u, "t": s.time, "ode": ode, "alg": alg, "zero": indicators}
+    return problem, transition
+
+
+def _in_inputs(expressions: list[ca.SX], system: System, values: ca.SX) -> list[ca.SX]:
+    return list(ca.substitute(expressions, [system.u], [values])) if len(system.inputs) else expressions
+
+
+def _start_modes(
+    system: System, hybrid: HybridFriction, start: Start, driven: _Inputs, p: np.ndarray, grid: np.ndarray
+) -> np.ndarray:
+    u = _input_values(driven, grid[:1], driven.left[:, :1])[:, 0]
+    speed = ca.Function("speed", [system.time, system.x, system.z, system.u, system.p], [system.frictions.speed])
+    signs = np.sign(np.asarray(speed(grid[0], start.x, start.z, u, p)).ravel())
+    _, modes = hybrid.settle(grid[0], start.x, signs, start.z, u, p)
+    return np.asarray(modes).ravel()
+
+
+def _algebraic_only(system: System, start: Start, driven: _Inputs, p: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    """Solve a model without states at each output time, from the solution before."""
+    z = np.zeros((start.z.size, grid.size))
+    guess = start.z
+    for k, time in enumerate(grid):
+        u = _at_grid(driven, grid)[:, k]
+        z[:, k] = initialize(system, p, u, dict(zip((), guess, strict=False)), float(time)).z if start.z.size else guess
+    return z
+
+
+def _at_grid(driven: _Inputs, grid: np.ndarray) -> np.ndarray:
+    """Return inputs at all grid points, shape (n_u, n); a jump belongs to the interval that it opens."""
+    last = driven.left[:, -1:] + driven.slope[:, -1:] * (grid[-1] - grid[-2])
+    return _input_values(driven, grid, np.hstack([driven.left, last]))
+
+
+def _fixed_steps(
+    system: System, start: Start, driven: _Inputs, p: np.ndarray, grid: np.ndarray, step: float | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    if step is None or step <= 0:
+        raise ModelError("Method `rk4` needs a positive `step` in seconds.")
+    widths = np.diff(grid)
+    substeps = max(1, int(np.ceil(widths.max() / step - 1e-9)))
+    function = runge_kutta(system, substeps=substeps).function
+    right = driven.left + driven.slope * widths
+    left = _input_values(driven, grid[:-1], driven.left)
+    right = _input_values(driven, grid[1:], right)
+    run = function.mapaccum("run", grid.size - 1, ["x"], ["x_next"])
+    result = run(t=grid[:-1], h=widths, x=start.x, u_a=left, u_b=right, p=np.tile(p[:, None], grid.size - 1))
+    x = np.column_stack([start.x, np.asarray(result["x_next"])])
+    if not np.all(np.isfinite(x)):
+        first = grid[int(np.flatnonzero(~np.isfinite(x).all(axis=0))[0])]
+        raise SolverError(f"{system.name}: rk4 with step {step:g} s is unstable: not finite from {first:g} s on; use a smaller step.")
+    return x, np.zeros((0, grid.size)), np.zeros((0, grid.size))
+
+
+def _trajectory(
+    system: System,
+    fine: np.ndarray,
+    grid: np.ndarray,
+    x: np.ndarray,
+    z: np.ndarray,
+    modes: np.ndarray,
+    driven: _Inputs,
+    p: np.ndarray,
+) -> Trajectory:
+    keep = np.searchsorted(fine, grid)
+    u = _at_grid(driven, fine)[:, keep]
+    force = _forces(system, grid, x[:, keep], z[:, keep], u, p, modes[:, keep])
+    outputs = dae(system).outputs.map(grid.size)
+    values = outputs(grid[None, :], x[:, keep], z[:, keep], u, np.tile(p[:, None], grid.size), force)
+    return Trajectory(
+        time=grid,
+        names=tuple(variable.name for variable in system.variables),
+        values=np.asarray(values).T.copy(),
+        units=tuple(variable.declaration.unit for variable in system.variables),
+    )
+
+
+def _forces(
+    system: System, grid: np.ndarray, x: np.ndarray, z: np.ndarray, u: np.ndarray, p: np.ndarray, modes: np.ndarray
+) -> np.ndarray:
+    """Return the friction forces at the output times, shape (n_f, n)."""
+    n_f = len(system.frictions.places)
+    if not n_f:
+        return np.zeros((0, grid.size))
+    hybrid = friction_events(system)
+    arguments = [system.time, system.x, hybrid.modes, system.z, system.u, system.p]
+    columns = np.tile(p[:, None], grid.size)
+    if not modes.size:
+        speed = ca.Function("speed", [*arguments[:2], *arguments[3:]], [system.frictions.speed]).map(grid.size)
+        speeds = np.asarray(speed(grid[None, :], x, z, u, columns))
+        modes = np.where(np.abs(speeds) > 1e-9 * np.abs(speeds).max(initial=0.0), np.sign(speeds), 0.0)
+    force = ca.Function("force", arguments, [hybrid.force]).map(grid.size)
+    return np.asarray(force(grid[None, :], x, modes, z, u, columns))
+
+
+def _failure(system: System, plugin: str, reason: str, grid: np.ndarray) -> str:
+    tail = reason.strip().splitlines()[-1][:200] if reason.strip() else "no reason given"
+    return (
+        f"{system.name}: {plugin} could not integrate from {grid[0]:g} s to {grid[-1]:g} s ({tail}). "
+        f"Look for a state that runs away, a division by zero or a discontinuity; try `rtol`, or `method`."
+    )

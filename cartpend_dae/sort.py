@@ -1,0 +1,336 @@
+"""AliasedSystem -> System: which equation gives which unknown, in which order, and the solution itself.
+
+The highest derivative of each chain is unknown, the lower ones are states. Blocks that are linear in
+their unknowns are solved here, symbolically; the others remain as algebraic equations.
+"""
+
+from collections import defaultdict
+from fractions import Fraction
+
+import casadi as ca
+import numpy as np
+
+from cartpend_dae.alias import symbolic
+from cartpend_dae.errors import StructureError
+from cartpend_dae.graph import blocks, matching
+from cartpend_dae.system import (
+    AliasedSystem,
+    Block,
+    Coefficient,
+    Frictions,
+    Initials,
+    Relation,
+    StateRelation,
+    System,
+)
+
+
+def sort(aliased: AliasedSystem) -> System:
+    """Make an explicit ordinary, or a semi-explicit differential-algebraic, system of index one.
+
+    Parameters
+    ----------
+    aliased
+        The system without trivial equations.
+
+    Raises
+    ------
+    StructureError
+        If no assignment of equations to unknowns exists; equations and unknowns are named.
+    """
+    top = _highest_orders(aliased)
+    names = _names(aliased)
+    table = dict(zip(aliased.keys, ca.vertsplit(aliased.symbols), strict=True)) if aliased.keys else {}
+    unknown_keys = [(base, order) for base, order in top.items() if base not in aliased.flat.inputs]
+    state_keys = [(base, lower) for base, order in unknown_keys for lower in range(order)]
+    unknowns = _stack([table[key] for key in unknown_keys])
+    labels = [names[key] for key in unknown_keys]
+    solved, made, nonlinear = _solve_blocks(aliased, unknowns, labels)
+    ode = [table[base, lower + 1] for base, lower in state_keys]
+    outputs = [_value(relation, table) for relation in aliased.relations]
+    friction = aliased.frictions
+    groups = [
+        _stack(ode),
+        _stack([aliased.residual[i] for i, _ in nonlinear]),
+        _stack(outputs),
+        friction.speed,
+        friction.level_pos,
+        friction.level_neg,
+        aliased.initials.residual,
+    ]
+    ode_x, alg, out, speed, pos, neg, initials = _back_substitute(solved, groups)
+    done, parameters = _without_dependent_parameters(aliased, [ode_x, alg, out, speed, pos, neg, initials])
+    ode_x, alg, out, speed, pos, neg, initials = done
+    states = tuple(names[key] for key in state_keys)
+    input_names = tuple(aliased.flat.variables[i].name for i in aliased.flat.inputs)
+    inputs = _stack([table.get((i, 0), ca.SX.sym(aliased.flat.variables[i].name)) for i in aliased.flat.inputs])
+    state_relations = _state_relations(aliased, state_keys)
+    return System(
+        name=aliased.flat.name,
+        flat=aliased.flat,
+        time=aliased.flat.time,
+        states=states,
+        x=_stack([table[key] for key in state_keys]),
+        ode=ode_x,
+        algebraics=tuple(labels[j] for _, j in nonlinear),
+        z=_stack([unknowns[j] for _, j in nonlinear]),
+        alg=alg,
+        inputs=input_names,
+        u=inputs,
+        parameters=tuple(aliased.flat.parameters[i] for i in parameters),
+        p=_stack([aliased.flat.parameter_symbols[i] for i in parameters]),
+        frictions=Frictions(friction.places, friction.force, speed, pos, neg),
+        variables=aliased.flat.variables,
+        outputs=out,
+        state_relations=state_relations,
+        initials=Initials(initials, aliased.initials.fixed, aliased.initials.origins),
+        blocks=made,
+        eliminated=_eliminated(aliased),
+        redundant=aliased.redundant,
+        remaining=_readable(aliased, names),
+    )
+
+
+def _stack(items: list[ca.SX]) -> ca.SX:
+    return ca.vertcat(*items) if items else ca.SX(0, 1)
+
+
+def _highest_orders(aliased: AliasedSystem) -> dict[int, int]:
+    """Return the highest derivative of each chain, and refuse what needs index reduction."""
+    flat = aliased.flat
+    top: dict[int, int] = {}
+    for base, order in aliased.keys:
+        top[base] = max(order, top.get(base, 0))
+    for base in flat.inputs:
+        if top.get(base, 0) > 0:
+            raise StructureError(
+                f"{flat.name} needs the derivative of its input `{flat.variables[base].name}`: a motion is prescribed "
+                f"without its speed. Drive it by a force or through a spring, or supply the input's derivative as well."
+            )
+    return top
+
+
+def _names(aliased: AliasedSystem) -> dict[tuple[int, int], str]:
+    """Name each chain member after a variable that equals it, preferring a component's own variable."""
+    names = {
+        (base, order): "der(" * order + aliased.flat.variables[base].name + ")" * order for base, order in aliased.keys
+    }
+    best: dict[tuple[int, int], tuple[int, int, int]] = {}
+    kinds = {"variable": 0, "output": 1, "input": 2, "potential": 3, "flow": 4}
+    for index, (variable, relation) in enumerate(zip(aliased.flat.variables, aliased.relations, strict=True)):
+        key = (relation.base, relation.order)
+        if key not in names or not (_is_literal(relation.factor, 1) and _is_literal(relation.offset, 0)):
+            continue
+        score = (0 if index == relation.base else 1, kinds[variable.kind], variable.name.count("."))
+        if key not in best or score < best[key]:
+            best[key], names[key] = score, variable.name
+    return names
+
+
+def _value(relation: Relation, table: dict[tuple[int, int], ca.SX]) -> ca.SX:
+    if relation.base < 0:
+        return symbolic(relation.offset)
+    return symbolic(relation.factor) * table[relation.base, relation.order] + symbolic(relation.offset)
+
+
+def _solve_blocks(
+    aliased: AliasedSystem, unknowns: ca.SX, labels: list[str]
+) -> tuple[list[tuple[ca.SX, ca.SX]], tuple[Block, ...], list[tuple[int, int]]]:
+    """Solve block by block; return definitions in order, the blocks, and (equation, unknown) left over."""
+    jacobian = ca.jacobian(aliased.residual, unknowns)
+    rows, columns = (list(part) for part in jacobian.sparsity().get_triplet())
+    match = matching(rows, columns, (len(aliased.origins), len(labels)))
+    _check_matching(aliased, labels, match)
+    varying = _varying_entries(jacobian, unknowns)
+    definitions: list[tuple[ca.SX, ca.SX]] = []
+    made: list[Block] = []
+    nonlinear: list[tuple[int, int]] = []
+    for equations in blocks(rows, columns, match):
+        own = [int(match[i]) for i in equations]
+        block_names = tuple(labels[j] for j in own)
+        origins = tuple(aliased.origins[i] for i in equations)
+        if any(j in varying[i] for i in equations for j in own):
+            nonlinear += zip(equations, own, strict=True)
+            made.append(Block(block_names, origins, "nonlinear"))
+            continue
+        symbols = unknowns[own]
+        constant = ca.substitute(aliased.residual[equations], symbols, ca.SX.zeros(len(own)))
+        matrix = jacobian[equations, own]
+        solution = solve_linear(matrix, -constant, block_names)
+        definitions += zip(ca.vertsplit(symbols), ca.vertsplit(solution), strict=True)
+        made.append(Block(block_names, origins, "explicit" if len(own) == 1 else "linear"))
+    return definitions, tuple(made), nonlinear
+
+
+def _check_matching(aliased: AliasedSystem, labels: list[str], match: np.ndarray) -> None:
+    lonely = [aliased.origins[i] for i in np.flatnonzero(match < 0)]
+    orphans = sorted(set(range(len(labels))) - set(match.tolist()))
+    if not lonely and not orphans:
+        return
+    raise StructureError(
+        f"{aliased.flat.name} is structurally singular: "
+        f"{len(aliased.origins)} equations remain for {len(labels)} unknowns. "
+        f"No unknown is left for: {'; '.join(sorted(lonely)) or 'none'}. "
+        f"No equation gives: {', '.join(f'`{labels[j]}`' for j in orphans) or 'none'}. "
+        f"Likely causes: a missing ground, a motion prescribed twice, or parts joined so that "
+        f"a constraint has to be differentiated (index reduction beyond rigid joints)."
+    )
+
+
+def _varying_entries(jacobian: ca.SX, unknowns: ca.SX) -> dict[int, set[int]]:
+    """Return for each equation the unknowns whose coefficient itself depends on an unknown."""
+    found: dict[int, set[int]] = defaultdict(set)
+    if not jacobian.nnz():
+        return found
+    rows, columns = jacobian.sparsity().get_triplet()
+    entries, of = ca.jacobian_sparsity(ca.vertcat(*jacobian.nonzeros()), unknowns).get_triplet()
+    for entry, other in zip(entries, of, strict=True):
+        found[rows[entry]] |= {columns[entry], other}
+    return found
+
+
+def solve_linear(matrix: ca.SX, right: ca.SX, names: tuple[str, ...]) -> ca.SX:
+    """Solve a small symbolic linear system, eliminating with numeric pivots first.
+
+    Parameters
+    ----------
+    matrix, right
+        Shapes (n, n) and (n, 1).
+    names
+        Names of the n unknowns, for the error sentence.
+
+    Raises
+    ------
+    StructureError
+        If the matrix is singular whatever the parameters.
+    """
+    n = matrix.size1()
+    if n == 1:
+        return right / matrix
+    a = [[matrix[i, j] for j in range(n)] for i in range(n)]
+    b = [right[i] for i in range(n)]
+    rows, columns, steps = set(range(n)), set(range(n)), []
+    while (pivot := _numeric_pivot(a, rows, columns)) is not None:
+        i, j = pivot
+        steps.append(pivot)
+        rows.discard(i)
+        columns.discard(j)
+        for k in [k for k in rows if not a[k][j].is_zero()]:
+            ratio = a[k][j] / a[i][j]
+            for m in columns:
+                a[k][m] = a[k][m] - ratio * a[i][m]
+            b[k] = b[k] - ratio * b[i]
+    x: dict[int, ca.SX] = {}
+    if rows:
+        order_r, order_c = sorted(rows), sorted(columns)
+        core = ca.vertcat(*[ca.horzcat(*[a[i][j] for j in order_c]) for i in order_r])
+        if any(all(a[i][j].is_zero() for j in order_c) for i in order_r):
+            listing = ", ".join(f"`{names[j]}`" for j in order_c)
+            raise StructureError(f"The linear equations for {listing} are singular: they are not independent.")
+        values = ca.solve(core, ca.vertcat(*[b[i] for i in order_r]))
+        x.update(zip(order_c, ca.vertsplit(values), strict=True))
+    for i, j in reversed(steps):
+        total = b[i]
+        for m, value in x.items():
+            if not a[i][m].is_zero():
+                total = total - a[i][m] * value
+        x[j] = total / a[i][j]
+    return ca.vertcat(*[x[j] for j in range(n)])
+
+
+def _numeric_pivot(a: list[list[ca.SX]], rows: set[int], columns: set[int]) -> tuple[int, int] | None:
+    """Choose a constant entry with the least fill (Markowitz count), none too small beside its column."""
+    best: tuple[int, int] | None = None
+    best_cost = None
+    row_count = {i: sum(not a[i][j].is_zero() for j in columns) for i in rows}
+    column_count = {j: sum(not a[i][j].is_zero() for i in rows) for j in columns}
+    for i in sorted(rows):
+        for j in sorted(columns):
+            entry = a[i][j]
+            if not entry.is_constant() or entry.is_zero():
+                continue
+            cost = ((row_count[i] - 1) * (column_count[j] - 1), abs(abs(float(entry)) - 1.0))
+            if best_cost is None or cost < best_cost:
+                best, best_cost = (i, j), cost
+    return best
+
+
+def _back_substitute(definitions: list[tuple[ca.SX, ca.SX]], groups: list[ca.SX]) -> list[ca.SX]:
+    """Write all groups in states, inputs and parameters; definitions stand in order of solution."""
+    if not definitions:
+        return groups
+    symbols = [symbol for symbol, _ in definitions]
+    values = [value for _, value in definitions]
+    _, done = ca.substitute_inplace(symbols, values, groups)
+    return list(done)
+
+
+def _without_dependent_parameters(aliased: AliasedSystem, groups: list[ca.SX]) -> tuple[list[ca.SX], list[int]]:
+    """Replace parameters that are bound to expressions; parents come first, so their order is right."""
+    flat = aliased.flat
+    independent = [i for i, q in enumerate(flat.parameters) if q.value is not None]
+    dependent = [i for i, q in enumerate(flat.parameters) if q.value is None]
+    symbols = [flat.parameter_symbols[i] for i in dependent]
+    bindings = [flat.parameter_bindings[i] for i in dependent]
+    return _back_substitute(list(zip(symbols, bindings, strict=True)), groups), independent
+
+
+def _state_relations(aliased: AliasedSystem, state_keys: list[tuple[int, int]]) -> dict[str, StateRelation]:
+    position = {key: k for k, key in enumerate(state_keys)}
+    coefficients: list[Coefficient] = []
+    found: list[tuple[str, int]] = []
+    for variable, relation in zip(aliased.flat.variables, aliased.relations, strict=True):
+        key = (relation.base, relation.order)
+        if key in position:
+            found.append((variable.name, position[key]))
+            coefficients += [relation.factor, relation.offset]
+    if not found:
+        return {}
+    values, _ = _without_dependent_parameters(aliased, [_stack([symbolic(c) for c in coefficients])])
+    elements = ca.vertsplit(values[0])
+    return {
+        name: StateRelation(state, elements[2 * k], elements[2 * k + 1]) for k, (name, state) in enumerate(found)
+    }
+
+
+def _eliminated(aliased: AliasedSystem) -> tuple[str, ...]:
+    """Return each eliminated variable and what it equals, in dotted names."""
+    coefficients = _stack([symbolic(c) for relation in aliased.relations for c in (relation.factor, relation.offset)])
+    renamed = _with_dotted_names(aliased, coefficients, {})
+    lines = []
+    for index, (variable, relation) in enumerate(zip(aliased.flat.variables, aliased.relations, strict=True)):
+        if relation.base == index:
+            continue
+        factor, offset = renamed[2 * index], renamed[2 * index + 1]
+        if relation.base < 0:
+            lines.append(f"{variable.name} = {offset}")
+            continue
+        right = "der(" * relation.order + aliased.flat.variables[relation.base].name + ")" * relation.order
+        if _is_literal(relation.factor, -1):
+            right = f"-{right}"
+        elif not _is_literal(relation.factor, 1):
+            right = f"{factor} * {right}"
+        lines.append(f"{variable.name} = {right}" + ("" if _is_literal(relation.offset, 0) else f" + {offset}"))
+    return tuple(lines)
+
+
+def _is_literal(value: Coefficient, number: int) -> bool:
+    return isinstance(value, Fraction) and value == number
+
+
+def _with_dotted_names(aliased: AliasedSystem, expression: ca.SX, names: dict[tuple[int, int], str]) -> ca.SX:
+    flat = aliased.flat
+    keys = [key for key in aliased.keys if key in names]
+    table = dict(zip(aliased.keys, ca.vertsplit(aliased.symbols), strict=True)) if aliased.keys else {}
+    old = [*[table[key] for key in keys], *ca.vertsplit(flat.parameter_symbols), *ca.vertsplit(flat.frictions.force)]
+    new = [names[key] for key in keys] + [q.name for q in flat.parameters]
+    new += [f"dry_friction({place})" for place in flat.frictions.places]
+    if not old:
+        return expression
+    return ca.substitute(expression, _stack(old), _stack([ca.SX.sym(name) for name in new]))
+
+
+def _readable(aliased: AliasedSystem, names: dict[tuple[int, int], str]) -> tuple[str, ...]:
+    """Return the remaining equations with dotted names."""
+    renamed = _with_dotted_names(aliased, aliased.residual, names)
+    return tuple(f"{origin}:  0 = {renamed[i]}" for i, origin in enumerate(aliased.origins))

@@ -1,0 +1,229 @@
+"""The frozen data that the passes hand on: FlatSystem -> AliasedSystem -> System."""
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+
+from cartpend_dae.errors import ModelError
+from cartpend_dae.language import Declaration
+
+Kind = Literal["variable", "potential", "flow", "input", "output"]
+Coefficient = Fraction | ca.SX
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """A quantity of the flat model, by its dotted name."""
+
+    name: str
+    kind: Kind
+    declaration: Declaration
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter by its dotted name; `value` is None where it follows from other parameters."""
+
+    name: str
+    declaration: Declaration
+    value: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Frictions:
+    """The dry frictions of a model, all of shape (n_frictions, 1): see `language.dry_friction`."""
+
+    places: tuple[str, ...]
+    force: ca.SX
+    speed: ca.SX
+    level_pos: ca.SX
+    level_neg: ca.SX
+
+
+@dataclass(frozen=True, slots=True)
+class Initials:
+    """Equations that hold at the start: residuals (n, 1), whether each is fixed, and where it stands."""
+
+    residual: ca.SX
+    fixed: tuple[bool, ...]
+    origins: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FlatSystem:
+    """All equations of a model without hierarchy.
+
+    `symbols` (n_variables, 1) belong to `variables`; `derivative_symbols` to `derivatives`, pairs of a
+    variable and an order. `residual` (n_equations, 1) is zero; `origins` says where each equation stands.
+    """
+
+    name: str
+    components: tuple[tuple[str, str], ...]
+    variables: tuple[Variable, ...]
+    symbols: ca.SX
+    derivatives: tuple[tuple[int, int], ...]
+    derivative_symbols: ca.SX
+    parameters: tuple[Parameter, ...]
+    parameter_symbols: ca.SX
+    parameter_bindings: ca.SX
+    time: ca.SX
+    inputs: tuple[int, ...]
+    frictions: Frictions
+    residual: ca.SX
+    origins: tuple[str, ...]
+    initials: Initials
+    connections: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Relation:
+    """A variable as ``factor * d^order(base)/dt^order + offset``; base -1 is a constant."""
+
+    base: int
+    order: int
+    factor: Coefficient
+    offset: Coefficient
+
+
+@dataclass(frozen=True, slots=True)
+class AliasedSystem:
+    """A flat system whose trivial equations are gone.
+
+    `keys[k]` = (base, order) belongs to `symbols[k]`; every variable of `flat` follows from them by
+    `relations`. `residual` and `origins` are the equations that remain.
+    """
+
+    flat: FlatSystem
+    relations: tuple[Relation, ...]
+    keys: tuple[tuple[int, int], ...]
+    symbols: ca.SX
+    residual: ca.SX
+    origins: tuple[str, ...]
+    frictions: Frictions
+    initials: Initials
+    redundant: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Equations solved together, the unknowns they give, and how."""
+
+    unknowns: tuple[str, ...]
+    origins: tuple[str, ...]
+    how: Literal["explicit", "linear", "nonlinear"]
+
+
+@dataclass(frozen=True, slots=True)
+class StateRelation:
+    """A variable as ``factor * state + offset``, with factors that depend on parameters only."""
+
+    state: int
+    factor: ca.SX
+    offset: ca.SX
+
+
+@dataclass(frozen=True, slots=True)
+class System:
+    """A well-posed model: x' = ode(t, x, z, u, p, friction), 0 = alg(...), every variable in `outputs`.
+
+    All expressions are CasADi SX in `time`, `x`, `z`, `u`, `p` and `frictions.force`.
+    """
+
+    name: str
+    flat: FlatSystem
+    time: ca.SX
+    states: tuple[str, ...]
+    x: ca.SX
+    ode: ca.SX
+    algebraics: tuple[str, ...]
+    z: ca.SX
+    alg: ca.SX
+    inputs: tuple[str, ...]
+    u: ca.SX
+    parameters: tuple[Parameter, ...]
+    p: ca.SX
+    frictions: Frictions
+    variables: tuple[Variable, ...]
+    outputs: ca.SX
+    state_relations: dict[str, StateRelation]
+    initials: Initials
+    blocks: tuple[Block, ...]
+    eliminated: tuple[str, ...]
+    redundant: tuple[str, ...]
+    remaining: tuple[str, ...]
+
+    def index_of(self, name: str) -> int:
+        """Return the index of a variable.
+
+        Raises
+        ------
+        ModelError
+            If the model has no such variable; the sentence offers the nearest names.
+        """
+        for index, variable in enumerate(self.variables):
+            if variable.name == name:
+                return index
+        raise ModelError(unknown_name("variable", name, [v.name for v in self.variables], self.name))
+
+    def parameter_index(self, name: str) -> int:
+        """Return the index of an independent parameter.
+
+        Raises
+        ------
+        ModelError
+            If the model has no such parameter, or if it follows from others.
+        """
+        for index, parameter in enumerate(self.parameters):
+            if parameter.name == name:
+                return index
+        if any(parameter.name == name for parameter in self.flat.parameters):
+            raise ModelError(
+                f"Parameter `{name}` of {self.name} is set by an expression of other parameters; "
+                f"name one of those instead."
+            )
+        raise ModelError(unknown_name("parameter", name, [q.name for q in self.parameters], self.name))
+
+    def unit_of(self, name: str) -> str:
+        """Return the SI unit of a variable."""
+        return self.variables[self.index_of(name)].declaration.unit
+
+    @property
+    def parameter_values(self) -> np.ndarray:
+        """Values of the independent parameters, shape (n_p,), SI units."""
+        return np.array([q.value for q in self.parameters], dtype=float)
+
+    def __str__(self) -> str:
+        """Return the equations that are left, in the names of the model."""
+        return describe(self)
+
+
+def unknown_name(kind: str, name: str, known: list[str], where: str) -> str:
+    """Return the sentence for a name that does not exist, with the nearest ones that do."""
+    from difflib import get_close_matches
+
+    near = get_close_matches(name, known, n=3, cutoff=0.5)
+    same_end = [k for k in known if k.rsplit(".", 1)[-1] == name.rsplit(".", 1)[-1]][:3]
+    offers = list(dict.fromkeys(near + same_end)) or known[:8]
+    return f"{where} has no {kind} `{name}`; did you mean {', '.join(f'`{k}`' for k in offers)}?"
+
+
+def describe(system: System) -> str:
+    """Return counts, eliminated variables, states and remaining equations as text."""
+    flat = system.flat
+    lines = [
+        f"{system.name}: {len(flat.components)} components, {len(flat.variables)} variables, "
+        f"{len(flat.origins)} equations, {len(flat.parameters)} parameters",
+        f"  eliminated: {len(system.eliminated)} alias variables; left: {len(system.remaining)} equations in "
+        f"{len(system.blocks)} blocks",
+        f"  states ({len(system.states)}): {', '.join(system.states) or 'none'}",
+        f"  algebraic ({len(system.algebraics)}): {', '.join(system.algebraics) or 'none'}",
+        f"  inputs ({len(system.inputs)}): {', '.join(system.inputs) or 'none'}",
+    ]
+    if system.frictions.places:
+        lines.append(f"  dry frictions: {', '.join(system.frictions.places)}")
+    lines.append("equations left:")
+    lines += [f"  {line}" for line in system.remaining]
+    return "\n".join(lines)

@@ -1,0 +1,138 @@
+"""Every component of the library, also one that is added tomorrow: balance, units, words."""
+
+import inspect
+import pkgutil
+import re
+from importlib import import_module
+
+import casadi as ca
+import pytest
+
+from cartpend_dae import assemble, library
+from cartpend_dae.language import (
+    Collector,
+    Component,
+    Flow,
+    Initial,
+    Port,
+    Signal,
+    collecting,
+    connect,
+    parameters_of,
+    parts_of,
+    ports_of,
+    variables_of,
+)
+from cartpend_dae.library import electrical, rotational
+from cartpend_dae.units import parse, same_dimension
+
+MODULES = [
+    import_module(f"{library.__name__}.{found.name}") for found in pkgutil.iter_modules(library.__path__)
+]
+
+
+def classes_of(kind):
+    own = [
+        value
+        for module in MODULES
+        for value in vars(module).values()
+        if inspect.isclass(value) and issubclass(value, kind) and value.__module__ == module.__name__
+    ]
+    bases = {base for cls in own for base in cls.__mro__[1:]}
+    return [cls for cls in own if cls not in bases]  # a class is a base or is instantiated, never both
+
+
+def label(cls):
+    return f"{cls.__module__.rsplit('.', 1)[-1]}.{cls.__name__}"
+
+
+COMPONENTS = classes_of(Component)
+
+
+def make(cls, value=0.5):
+    return cls(**dict.fromkeys(parameters_of(cls), value))
+
+
+def statements_of(component):
+    with collecting(Collector(time=ca.SX.sym("time"))):
+        return list(component.equations())
+
+
+def test_the_search_finds_the_library():
+    assert {rotational.BearingFriction, electrical.DCMotor} <= set(COMPONENTS)
+    assert rotational.Compliant not in COMPONENTS
+
+
+@pytest.mark.parametrize("value", [0.5, 0.0])
+@pytest.mark.parametrize("cls", [cls for cls in COMPONENTS if not parts_of(make(cls))], ids=label)
+def test_equations_are_as_many_as_variables_outputs_and_flows(cls, value):
+    unknowns = [q for q in variables_of(cls).values() if not (isinstance(q, Signal) and q.direction == "in")]
+    flows = [q for p in ports_of(cls).values() for q in p.kind.quantities.values() if isinstance(q, Flow)]
+    statements = [s for s in statements_of(make(cls, value)) if not isinstance(s, Initial)]
+    assert all(isinstance(s, ca.SX) and s.op() == ca.OP_EQ for s in statements)
+    assert len(statements) == len(unknowns) + len(flows)
+
+
+@pytest.mark.parametrize("value", [0.5, 0.0])
+@pytest.mark.parametrize("cls", [cls for cls in COMPONENTS if parts_of(make(cls))], ids=label)
+def test_composites_assemble(cls, value):
+    class Grounded(Component):
+        def __post_init__(self):
+            self.part = cls(
+                **({"R": 1.0, "k": 0.5} | {n: value for n in parameters_of(cls) if n not in ("R", "k")})
+            )
+            pins = [getattr(self.part, n) for n, p in ports_of(cls).items() if p.kind is electrical.Pin]
+            flanges = [getattr(self.part, n) for n, p in ports_of(cls).items() if p.kind is rotational.Flange]
+            self.grounds = [electrical.Ground() for _ in pins]
+            self.loads = [rotational.Inertia(J=1.0) for _ in flanges]
+            self.joints = [connect(pin, ground.pin) for pin, ground in zip(pins, self.grounds, strict=True)]
+            self.joints += [connect(f, load.flange_a) for f, load in zip(flanges, self.loads, strict=True)]
+
+        def equations(self):
+            yield from self.joints
+
+    assert assemble(Grounded()).name == "Grounded"
+
+
+@pytest.mark.parametrize("cls", COMPONENTS + classes_of(Port), ids=label)
+def test_class_and_quantities_have_words_and_units(cls):
+    first = (cls.__doc__ or "").strip().splitlines()[0]
+    assert first.endswith("."), f"the docstring of {cls.__name__} starts with no sentence: {first!r}"
+    quantities = cls.quantities if issubclass(cls, Port) else variables_of(cls) | parameters_of(cls)
+    for name, quantity in quantities.items():
+        assert quantity.declaration.doc, f"{cls.__name__}.{name} has no words"
+        parse(quantity.declaration.unit)
+    if issubclass(cls, Component):
+        assert all(found.doc for found in ports_of(cls).values()), f"a port of {cls.__name__} has no words"
+
+
+@pytest.mark.parametrize("cls", COMPONENTS, ids=label)
+def test_the_docstring_states_the_law(cls):
+    first = cls.__doc__.splitlines()[0]
+    assert "=" in first
+    missing = [name for name in parameters_of(cls) if not re.search(rf"\b{name}\b", cls.__doc__)]
+    assert not missing, f"the docstring of {cls.__name__} does not name {missing}"
+
+
+NEVER_NEGATIVE = ("kg", "kg.m2", "N.s/m", "N.m.s/rad", "Ohm", "H", "F")
+
+
+@pytest.mark.parametrize("cls", COMPONENTS, ids=label)
+def test_masses_dampings_and_the_like_are_bounded_by_zero(cls):
+    for name, quantity in parameters_of(cls).items():
+        declaration = quantity.declaration
+        if any(same_dimension(declaration.unit, unit) for unit in NEVER_NEGATIVE) or name in (
+            "f_c",
+            "tau_c",
+            "d2",
+        ):
+            assert declaration.min == 0, f"{cls.__name__}.{name} has no bound"
+
+
+@pytest.mark.parametrize(
+    "cls",
+    [c for c in COMPONENTS if c.__name__ in ("CoulombFriction", "SensorOffset", "ViscousFriction")],
+    ids=label,
+)
+def test_effects_do_nothing_by_default(cls):
+    assert all(quantity.declaration.default == 0 for quantity in parameters_of(cls).values())
