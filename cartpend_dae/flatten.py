@@ -17,6 +17,7 @@ from cartpend_dae.language import (
     Port,
     Signal,
     Statement,
+    attached_to,
     bindings_of,
     collecting,
     parameters_of,
@@ -48,6 +49,7 @@ class _Tables:
     sets: DisjointSets = field(default_factory=DisjointSets)
     signal_sets: DisjointSets = field(default_factory=DisjointSets)
     ports: dict[tuple[str, str], Port] = field(default_factory=dict)
+    driven_inside: set[int] = field(default_factory=set)
 
 
 def flatten(model: Component) -> FlatSystem:
@@ -130,6 +132,9 @@ def _collect(tables: _Tables, collector: Collector, path: str, component: Compon
             tables.residuals.append(_residual(statement, origin))
             tables.origins.append(origin)
             tables.own_equations[path] += 1
+    for _, connections in attached_to(component).values():
+        for connection in connections:
+            _join(tables, path, None, connection)
     tables.frictions += [(where, i) for i in range(n_frictions, len(collector.frictions))]
 
 
@@ -152,25 +157,31 @@ def _residual(statement: object, origin: str) -> ca.SX:
     return statement.dep(0) - statement.dep(1)
 
 
-def _join(tables: _Tables, path: str, component: Component, connection: Connection) -> None:
-    """Note a connection; a port of the connecting component itself is seen from its inside."""
+def _join(tables: _Tables, path: str, component: Component | None, connection: Connection) -> None:
+    """Note a connection; a port of the connecting component itself is seen from its inside.
+
+    `component` is None for a part attached from outside, which sees all ports from outside.
+    """
+    where = path or "the model"
     keys: list[object] = []
     for end in connection.ends:
         if isinstance(end, Port):
             if id(end.owner) not in tables.path_of:
                 raise ModelError(
-                    f"`connect` in `{path or type(component).__name__}` names a port `{end.name}` of a "
+                    f"`connect` in `{where}` names a port `{end.name}` of a "
                     f"{type(end.owner).__name__} that is not part of the model: store it in an attribute in `__post_init__`."
                 )
             side = "outside" if end.owner is component else "inside"
             keys.append((tables.path_of[id(end.owner)], end.name, side))
         else:
             index = tables.index_of.get(end.element_hash()) if end.is_symbolic() else None
-            if index is None or tables.variables[index].kind not in ("input", "output"):
+            if index is None or tables.variables[index].kind not in ("input", "output", "variable"):
                 raise ModelError(
-                    f"`connect` in `{path or type(component).__name__}` names `{end}`, which is neither a port nor a signal."
+                    f"`connect` in `{where}` names `{end}`, which is neither a port nor a signal."
                 )
             keys.append(index)
+            if component is not None and end.element_hash() in {s.element_hash() for s in symbols_of(component).values()}:
+                tables.driven_inside.add(index)
     sets = tables.sets if isinstance(connection.ends[0], Port) else tables.signal_sets
     for key in keys[1:]:
         sets.join(keys[0], key)
@@ -186,7 +197,7 @@ def _connect(tables: _Tables) -> tuple[int, ...]:
     external: list[int] = []
     for members in tables.signal_sets.sets():
         indices = sorted((int(i) for i in members), key=lambda i: (tables.variables[i].name.count("."), i))  # type: ignore[call-overload]
-        outputs = [i for i in indices if tables.variables[i].kind == "output"]
+        outputs = [i for i in indices if tables.variables[i].kind in ("output", "variable")]
         undriven -= set(indices)
         source = outputs[-1] if outputs else indices[0]
         if not outputs:
@@ -236,17 +247,12 @@ def _check_balance(tables: _Tables, inputs: tuple[int, ...], name: str) -> None:
 def _local_findings(tables: _Tables) -> Iterator[str]:
     """Compare each component's equations with own variables + output signals + flows of its ports."""
     inner = {key[:2] for members in tables.sets.sets() for key in members if key[2] == "outside"}  # type: ignore[index]
-    driven = {
-        int(i)  # type: ignore[call-overload]
-        for members in tables.signal_sets.sets()
-        for i in members
-    }
     for path, component in tables.components:
         expected = 0
         for name, declared in variables_of(type(component)).items():
             index = tables.index_of[symbols_of(component)[name].element_hash()]
             if isinstance(declared, Signal):
-                expected += declared.direction == "out" and not (parts_of(component) and index in driven)
+                expected += declared.direction == "out" and index not in tables.driven_inside
             else:
                 expected += 1
         for port_name, port in used_ports_of(component).items():

@@ -1,5 +1,6 @@
 """Estimate parameters and start values of a model on measured runs, with their uncertainty."""
 
+import itertools
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -15,6 +16,7 @@ from cartpend_dae.dae import parameter_vector
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.initialize import initialize
 from cartpend_dae.language import Component
+from cartpend_dae.stepping import runge_kutta
 from cartpend_dae.system import System
 from cartpend_dae.transcribe import (
     SEGMENT,
@@ -83,6 +85,21 @@ class Fit:
         """Estimated parameters by name, SI units."""
         return {estimate.name: estimate.value for estimate in self.parameters}
 
+    @property
+    def point(self) -> dict[str, float]:
+        """Estimated parameters and free starts by name, SI units."""
+        return self.values | {estimate.name: estimate.value for estimate in self.starts}
+
+
+@dataclass(frozen=True, slots=True)
+class Linearisation:
+    """Normal equations by segment at `values` (scaled): `grams` (n_segments, n, n), `gradients` (n_segments, n)."""
+
+    variables: tuple[Free, ...]
+    values: np.ndarray
+    grams: np.ndarray
+    gradients: np.ndarray
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -122,6 +139,11 @@ class Problem:
     def starts(self) -> tuple[RunStart, ...]:
         """How each run starts."""
         return tuple(_run_start(self, experiment) for experiment in self.experiments)
+
+    @property
+    def variables(self) -> tuple[Free, ...]:
+        """All that is estimated: parameters, then the free starts of all runs."""
+        return self.free + tuple(item for start in self.starts for _, _, _, item in start.free)
 
     @cached_property
     def programme(self) -> Programme:
@@ -344,7 +366,7 @@ def estimate(
     weights_sd = problem.prior_sd if sd is None else sd
     data = stack_data(layout, problem.experiments, 1.0 / weights_sd)
     w = np.full(len(problem.outputs), float(bandwidth))
-    everything = list(layout.free) + [item for start in problem.starts for _, _, _, item in start.free]
+    everything = problem.variables
     values = np.array([(guess or {}).get(item.name, item.guess) / item.scale for item in everything])
     lower = np.array([item.lower / item.scale for item in everything])
     upper = np.array([item.upper / item.scale for item in everything])
@@ -374,6 +396,73 @@ def _nodes(problem: Problem, values: np.ndarray, w: np.ndarray, data: np.ndarray
     if not np.all(np.isfinite(nodes)):
         raise SolverError(f"{problem.system.name} cannot be simulated with the start values of the parameters: it diverges.")
     return nodes
+
+
+def predict(
+    problem: Problem, point: Mapping[str, float], bandwidth: float, *, restarts: tuple[int, ...] = ()
+) -> np.ndarray:
+    """Predict the outputs of a problem with one run, shape (n, n_outputs).
+
+    Parameters
+    ----------
+    problem
+        A problem with a single run.
+    point
+        Parameters and free starts by name, SI; what is missing keeps its guess.
+    bandwidth
+        Bandwidth of the output injection [rad/s]; 0 simulates freely.
+    restarts
+        Samples at which a free simulation starts again from the state that the injection has filtered;
+        without any, the prediction itself is filtered.
+    """
+    values = np.array([point.get(item.name, item.guess) / item.scale for item in problem.variables])
+    data = stack_data(problem.layout, problem.experiments, np.ones(len(problem.outputs)))
+    w = np.full(len(problem.outputs), float(bandwidth))
+    n = problem.experiments[0].time.size
+    measured = np.column_stack([problem.experiments[0].outputs[name].values for name in problem.outputs])
+    # a sample that was not measured has no residual; its prediction comes from the states
+    states = _series(problem, values, w, data)[1][:, :n]
+    if restarts:
+        states = _free_pieces(problem, values, data, states, restarts)
+    system, layout = problem.system, problem.layout
+    p = parameter_vector(system, {item.name: values[i] * item.scale for i, item in enumerate(layout.free)})
+    outputs = ca.Function(
+        "measured",
+        [system.time, system.x, system.u, system.p, system.frictions.force],
+        [system.outputs[list(layout.outputs)]],
+    ).map(n)
+    n_u = system.u.numel()
+    forces = np.zeros((system.frictions.force.numel(), n))
+    result = outputs(data[:1, :n], states, data[2 : 2 + n_u, :n], np.tile(p[:, None], n), forces)
+    return np.asarray(result).T.reshape(measured.shape)
+
+
+def _free_pieces(
+    problem: Problem, values: np.ndarray, data: np.ndarray, states: np.ndarray, restarts: tuple[int, ...]
+) -> np.ndarray:
+    """Simulate freely between restarts, each from the state given there."""
+    step = runge_kutta(problem.system, substeps=problem.layout.substeps).function
+    p = parameter_vector(
+        problem.system, {item.name: values[i] * item.scale for i, item in enumerate(problem.layout.free)}
+    )
+    n, n_u = states.shape[1], problem.system.u.numel()
+    free = states.copy()
+    edges = [*restarts, n]
+    for first, last in itertools.pairwise(edges):
+        if last - first < 2:
+            continue
+        part = data[:, first : last - 1]
+        run = step.mapaccum("piece", last - first - 1, ["x"], ["x_next"])
+        out = run(
+            t=part[:1],
+            h=part[1:2],
+            x=states[:, first],
+            u_a=part[2 : 2 + n_u],
+            u_b=part[2 + n_u : 2 + 2 * n_u],
+            p=np.tile(p[:, None], last - first - 1),
+        )
+        free[:, first + 1 : last] = np.asarray(out["x_next"])
+    return free
 
 
 def _start_states(problem: Problem, values: np.ndarray) -> list[np.ndarray]:
@@ -410,9 +499,10 @@ def _series(
 def normal_equations(
     problem: Problem, values: np.ndarray, w: np.ndarray, data: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return Gram matrix and gradient of the weighted residuals over parameters and free starts (scaled).
+    """Return Gram matrices (n_segments, n, n) and gradients (n_segments, n) of the weighted residuals.
 
-    The segments are run through one after the other, so that the result is that of single shooting.
+    They are over parameters and free starts (scaled). The segments are run through one after the other,
+    so that their sums are those of single shooting.
     """
     layout = problem.layout
     n_x, n_p = layout.system.x.numel(), len(layout.free)
@@ -420,8 +510,10 @@ def normal_equations(
     n_c = n_p + w.size
     carried = np.concatenate([values[:n_p], w])
     seeds = np.hstack([np.eye(n_x), np.zeros((n_x, n_p))])
-    gram, gradient = np.zeros((n_all, n_all)), np.zeros(n_all)
-    begin = dict(zip(layout.first, zip(_start_states(problem, values), _start_slopes(problem, n_all), strict=True), strict=True))
+    grams, gradients = np.zeros((layout.n_segments, n_all, n_all)), np.zeros((layout.n_segments, n_all))
+    begin = dict(
+        zip(layout.first, zip(_start_states(problem, values), _start_slopes(problem, n_all), strict=True), strict=True)
+    )
     x, slope = np.zeros(n_x), np.zeros((n_x, n_all))
     theta_rows = np.eye(n_p, n_all)
     for k in range(layout.n_segments):
@@ -433,10 +525,32 @@ def normal_equations(
         step = out[n_x : n_x + n_x * size].reshape(n_x, size, order="F")
         local = out[n_x + n_x * size :][: size * size].reshape(size, size, order="F")
         to_local = np.vstack([slope, theta_rows])
-        gram += to_local.T @ local @ to_local
-        gradient += to_local.T @ out[-size:]
+        grams[k] = to_local.T @ local @ to_local
+        gradients[k] = to_local.T @ out[-size:]
         slope = step @ to_local
-    return gram, gradient
+    return grams, gradients
+
+
+def linearised(problem: Problem, point: Mapping[str, float], bandwidth: float, sd: np.ndarray) -> Linearisation:
+    """Return the normal equations of a problem at a point, without solving it.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    point
+        Parameters and free starts by name, SI; what is missing keeps its guess.
+    bandwidth
+        Bandwidth of the output injection [rad/s].
+    sd
+        Noise used as weight, shape (n_y,).
+    """
+    everything = problem.variables
+    values = np.array([point.get(item.name, item.guess) / item.scale for item in everything])
+    data = stack_data(problem.layout, problem.experiments, 1.0 / sd)
+    w = np.full(len(problem.outputs), float(bandwidth))
+    grams, gradients = normal_equations(problem, values, w, data)
+    return Linearisation(everything, values, grams, gradients)
 
 
 def _start_slopes(problem: Problem, n_all: int) -> list[np.ndarray]:
@@ -455,10 +569,10 @@ def _outcome(
     problem: Problem, solution: np.ndarray, w: np.ndarray, data: np.ndarray, weights_sd: np.ndarray, stats: dict
 ) -> Fit:
     layout = problem.layout
-    everything = list(layout.free) + [item for start in problem.starts for _, _, _, item in start.free]
+    everything = problem.variables
     values = solution[: len(everything)]
     errors, states = _series(problem, values, w, data)
-    gram, _ = normal_equations(problem, values, w, data)
+    gram = normal_equations(problem, values, w, data)[0].sum(axis=0)
     weight_rows = data[-len(problem.outputs) :]
     n_residuals = int(np.count_nonzero(weight_rows))
     chi2 = float(np.sum(errors**2))
@@ -496,7 +610,7 @@ def _outcome(
 
 
 def _covariance(
-    gram: np.ndarray, everything: list[Free], values: np.ndarray, variance: float
+    gram: np.ndarray, everything: tuple[Free, ...], values: np.ndarray, variance: float
 ) -> tuple[np.ndarray, list[Status]]:
     """Return the covariance of scaled variables, and what each is worth.
 

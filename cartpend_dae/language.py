@@ -194,7 +194,7 @@ class _InstanceState:
     symbols: dict[str, ca.SX] = field(default_factory=dict)
     bindings: dict[str, Expression] = field(default_factory=dict)
     ports: dict[str, "Port"] = field(default_factory=dict)
-    attached: dict[str, "Component"] = field(default_factory=dict)
+    attached: dict[str, tuple["Component", tuple["Connection", ...]]] = field(default_factory=dict)
 
 
 def _state(instance: Any) -> _InstanceState:
@@ -406,7 +406,7 @@ class Component:
 
     def __init__(self, **arguments: Any) -> None:
         cls = type(self)
-        fields = _constructor_fields(cls)
+        fields = constructor_fields(cls)
         unknown = sorted(set(arguments) - set(fields))
         missing = sorted(name for name, has_default in fields.items() if not has_default and name not in arguments)
         if unknown or missing:
@@ -432,12 +432,18 @@ class Component:
         """True if the parameter was set to the number 0, so that the part need not exist."""
         return ca.SX(bindings_of(self)[name]).is_zero()
 
-    def attach(self, name: str, part: C) -> C:
-        """Add a part from outside under `name` and return it; it takes part like any other."""
+    def attach(self, name: str, part: C, *connections: Connection) -> C:
+        """Add a part from outside under `name`, joined by `connections`, and return it.
+
+        Raises
+        ------
+        ModelError
+            If a part of that name is attached already.
+        """
         attached = _state(self).attached
         if name in attached:
             raise ModelError(f"A part named `{name}` is attached already to this {type(self).__name__}.")
-        attached[name] = part
+        attached[name] = (part, connections)
         return part
 
 
@@ -462,8 +468,8 @@ def _argument_sentence(cls: type, unknown: list[str], missing: list[str], known:
     return f"{cls.__name__} {' and '.join(parts)}; its parameters are: {listing}."
 
 
-def _constructor_fields(cls: type) -> dict[str, bool]:
-    """Return the names of the constructor's arguments and whether each has a default."""
+def constructor_fields(cls: type) -> dict[str, bool]:
+    """Return the names of the arguments of the constructor and whether each has a default."""
     fields: dict[str, bool] = {}
     for base in reversed(cls.__mro__):
         for name, annotation in vars(base).get("__annotations__", {}).items():
@@ -499,7 +505,7 @@ def parts_of(component: Component) -> dict[str, Component]:
             parts.update({f"{name}[{i}]": item for i, item in enumerate(value) if isinstance(item, Component)})
         elif isinstance(value, dict):
             parts.update({f"{name}[{key}]": item for key, item in value.items() if isinstance(item, Component)})
-    return parts | _state(component).attached
+    return parts | {name: part for name, (part, _) in _state(component).attached.items()}
 
 
 def symbols_of(instance: Component | Port) -> dict[str, ca.SX]:
@@ -510,6 +516,11 @@ def symbols_of(instance: Component | Port) -> dict[str, ca.SX]:
 def used_ports_of(component: Component) -> dict[str, Port]:
     """Return all ports of a component by name."""
     return {name: getattr(component, name) for name in ports_of(type(component))}
+
+
+def attached_to(component: Component) -> dict[str, tuple[Component, tuple[Connection, ...]]]:
+    """Return the parts attached from outside, with the connections that join them."""
+    return _state(component).attached
 
 
 def bindings_of(component: Component) -> dict[str, Expression]:

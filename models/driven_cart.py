@@ -11,8 +11,8 @@ from cartpend_dae.library.translational import Fixed, Mass, PositionSensor, Rail
 class DrivenCart(Component):
     """Amplifier, motor, ideal gears, inertial mass, rigid chain, and the cart with the pendulum under it.
 
-    Positive `amplifier.u` drives `encoder.s` up; positive `bearing.phi` is the tip of the rod towards +s, 0 is
-    hanging. Rotor and gears are massless: all rotating inertia is in `inertial.m`. It starts at rest.
+    Positive `amplifier.u` drives `encoder.s` up; `bearing.phi` is 0 where the rod hangs, positive with its
+    tip towards +s. Rotor and gears are massless: all rotating inertia is in `inertial.m`. It starts at rest.
     """
 
     def __post_init__(self) -> None:

@@ -12,11 +12,11 @@ from cartpend_dae.library.translational import Drive, Fixed, Mass, PositionSenso
 
 
 class EMPS(Component):
-    """Drive, axis and guide, m der(v) = k u - d v - f_c sgn v, with the position loop around it if `controlled`.
+    """Drive, axis and guide, m der(v) = k u - d v - f_c sgn v, in its position loop if `controlled`.
 
-    The open model is driven by `drive.u` [V]. The controlled one has the inputs `reference.u` [m] and `pulses.u`
-    [V], and u = kv (kp (reference - s) - v) + pulses, limited to 10 V either way. The drive acts on the load, so
-    all inertia is in `axis.m` [kg]. Without `f_c` [N] the guide has no dry friction.
+    The open model is driven by `drive.u` [V]. The controlled one has the inputs `reference.u` [m] and
+    `pulses.u` [V], and u = kv (kp (reference - s) - v) + pulses, limited to 10 V either way. The drive acts
+    on the load, so all inertia is in `axis.m` [kg]. Without `f_c` [N] the guide has no dry friction.
     """
 
     controlled: bool = False

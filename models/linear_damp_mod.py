@@ -1,4 +1,4 @@
-"""Experiment 2 of the published study: the cart between two springs, all rotating parts lumped in one mass."""
+"""Experiment 2 of the published study: a cart between two springs, all rotating parts in one mass."""
 
 from cartpend_dae import Component, Param, Statements, connect, initial, param
 from cartpend_dae.library.translational import Fixed, Mass, PositionSensor, RailFriction, Spring

@@ -1,9 +1,11 @@
-"""Bodies that slide along a line and turn in the plane of that line and gravity.
+r"""Bodies that slide along a line and turn in the plane of that line and gravity.
 
-      pivot  ----o----> s      phi = 0 is hanging; positive phi moves the tip towards +s
-                  \\
-               phi \\            force on the pivot and torque on the shaft are positive into the body
-                  tip
+    pivot ---o---> s      phi = 0 is hanging; positive phi moves the tip towards +s
+              \
+           phi \
+               tip
+
+Force on the pivot and torque on the shaft are positive into the body.
 """
 
 import casadi as ca
@@ -15,8 +17,9 @@ from cartpend_dae.library import rotational, translational
 class HangingRod(Component):
     """Slender rod under gravity on a sliding pivot, S = m l/2 and J = m l^2/3, with the gravity g.
 
-    pivot.f = m der(v) + S (cos phi der(w) - sin phi w^2), and shaft.tau = J der(w) + S cos phi der(v)
-    + S g sin phi. The pivot slides along a level line; phi is against the vertical, whatever the shaft is held by.
+    pivot.f = m der(v) + S (cos phi der(w) - sin phi w^2), and
+    shaft.tau = J der(w) + S cos phi der(v) + S g sin phi.
+    The line of the pivot is level, and phi is measured against the vertical.
     """
 
     pivot = port(translational.Flange, doc="point of the rod that slides")

@@ -1,0 +1,99 @@
+"""The data that the stages of discovery hand on."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from cartpend_dae.assess import Assessment
+from cartpend_dae.data import Experiment
+from cartpend_dae.effects import Insertion
+from cartpend_dae.identify import Fit
+from cartpend_dae.language import Component
+from cartpend_dae.study_schema import ScoreSpec
+
+Regime = Literal["noise", "disturbances"]
+Verdict = Literal["explained", "improved", "no-discrepancy", "unexplained"]
+
+
+@dataclass(frozen=True, slots=True)
+class FreeSpec:
+    """A free parameter as the user states it; None leaves a number to the model's declaration. SI units."""
+
+    name: str
+    guess: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What discovery works on: the model, what is free in it, and the runs by role."""
+
+    model: Component
+    free: tuple[FreeSpec, ...]
+    train: tuple[Experiment, ...]
+    select: tuple[Experiment, ...]
+    test: tuple[Experiment, ...]
+    scores: tuple[ScoreSpec, ...] = ()
+    step: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """Whether residuals are more than noise: von Neumann's z of each run and output, and the largest."""
+
+    z: tuple[tuple[str, str, float], ...]
+    largest: float
+    is_passed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """An effect at a place, and what the data say of it.
+
+    `gain` is the drop of the criterion (BIC in the regime of noise; percent of the cross-validated cost
+    with disturbances); `t` is estimate over block-jackknife sd; `why_not` is empty for the one accepted.
+    """
+
+    insertion: Insertion
+    parameters: dict[str, float]
+    predicted: float
+    gain: float
+    t: float
+    fit: Fit | None
+    why_not: str
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One accepted addition."""
+
+    candidate: Candidate
+    gate: Gate
+    aliases: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """The outcome on the training runs."""
+
+    regime: Regime
+    bandwidth: float
+    baseline: Fit
+    baseline_gate: Gate
+    final: Fit
+    final_gate: Gate
+    steps: tuple[Step, ...]
+    candidates: tuple[Candidate, ...]
+    verdict: Verdict
+    interrupted: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Discovery:
+    """Everything that was found, before and after."""
+
+    setup: Setup
+    search: Search
+    before: Assessment
+    after: Assessment
+    model_plus: Component

@@ -1,0 +1,7 @@
+"""The catalogue of effects that a model can lack, and their insertion into any model."""
+
+from cartpend_dae.effects.card import Card, EffectParameter
+from cartpend_dae.effects.catalogue import catalogue
+from cartpend_dae.effects.insert import Insertion, Place, insert, places
+
+__all__ = ["Card", "EffectParameter", "Insertion", "Place", "catalogue", "insert", "places"]
