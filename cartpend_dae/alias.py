@@ -85,7 +85,7 @@ def _linear_rows(flat: FlatSystem) -> list[_Row]:
     n_equations = len(flat.origins)
     jacobian = ca.jacobian(flat.residual, unknowns)
     entry_rows, entry_columns = (np.asarray(part) for part in jacobian.sparsity().get_triplet())
-    values = ca.vertcat(*jacobian.nonzeros()) if jacobian.nnz() else ca.SX(0, 1)
+    values = nonzeros(jacobian)
     everything = ca.vertcat(unknowns, other)
     varying = np.zeros(n_equations, dtype=bool)
     if values.numel():
@@ -96,11 +96,16 @@ def _linear_rows(flat: FlatSystem) -> list[_Row]:
     constants = ca.substitute(flat.residual, unknowns, ca.SX.zeros(unknowns.numel()))
     keys = [(i, 0) for i in range(len(flat.variables))] + list(flat.derivatives)
     rows = {i: _Row(i, {}, _coefficient(constants[i])) for i in np.flatnonzero(~varying).tolist()}
-    elements = values.nonzeros() if values.numel() else []
+    elements = ca.vertsplit(values) if values.numel() else []
     for entry, (row, column) in enumerate(zip(entry_rows.tolist(), entry_columns.tolist(), strict=True)):
         if row in rows:
             rows[row].terms[keys[column]] = _coefficient(elements[entry])
     return list(rows.values())
+
+
+def nonzeros(matrix: ca.SX) -> ca.SX:
+    """Return the structural nonzeros of a matrix as a column, in the order of its sparsity."""
+    return ca.sparsity_cast(matrix, ca.Sparsity.dense(matrix.nnz(), 1))
 
 
 def _coefficient(value: ca.SX) -> Coefficient:
@@ -267,7 +272,13 @@ def _substitute(
         *[value(relations[variable], order) for variable, order in flat.derivatives],
     )
     friction = flat.frictions
-    parts = [flat.residual[keep], friction.speed, friction.level_pos, friction.level_neg, flat.initials.residual]
+    parts = [
+        flat.residual[keep],
+        friction.speed,
+        friction.level_pos,
+        friction.level_neg,
+        flat.initials.residual,
+    ]
     residual, speed, level_pos, level_neg, initials = ca.substitute(parts, [old], [new])
     keys = tuple(table)
     return AliasedSystem(

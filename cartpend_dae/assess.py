@@ -7,13 +7,15 @@ import casadi as ca
 import numpy as np
 from scipy import signal as filters
 
-from cartpend_dae.data import Channel, Experiment, noise_sd
 from cartpend_dae.dae import parameter_vector
+from cartpend_dae.data import Channel, Experiment, noise_sd
 from cartpend_dae.errors import ModelError
-from cartpend_dae.identify import Problem, dominant_frequency, estimate, interval_inputs, make_problem, predict
+from cartpend_dae.identify import estimate
+from cartpend_dae.problem import dominant_frequency, make_problem
+from cartpend_dae.shooting import predict
 from cartpend_dae.study_schema import ScoreSpec
 from cartpend_dae.system import System
-from cartpend_dae.transcribe import injection_targets
+from cartpend_dae.transcribe import injection_targets, interval_inputs
 
 START_SAMPLES = 20
 
@@ -115,7 +117,10 @@ def _run_error(
         rmse = float(np.sqrt(np.nanmean(error**2)))
         spread = float(np.nanstd(truth[:, column]))
         outputs[measured.get(name, name)] = OutputError(
-            rmse, rmse / spread if spread > 0 else float("nan"), noise_sd(truth[:, column]), system.unit_of(name)
+            rmse,
+            rmse / spread if spread > 0 else float("nan"),
+            noise_sd(truth[:, column]),
+            system.unit_of(name),
         )
     return RunError(experiment.name, experiment.role, experiment.score, outputs, experiment.time, truth, prediction)
 
@@ -137,7 +142,10 @@ def _cut(experiment: Experiment, part: slice) -> Experiment:
         return {name: replace(channel, values=channel.values[part]) for name, channel in channels.items()}
 
     return replace(
-        experiment, time=experiment.time[part], inputs=shorter(experiment.inputs), outputs=shorter(experiment.outputs)
+        experiment,
+        time=experiment.time[part],
+        inputs=shorter(experiment.inputs),
+        outputs=shorter(experiment.outputs),
     )
 
 
@@ -147,15 +155,11 @@ def _over_horizons(
     """Simulate piece by piece over the run's horizon, each from the state that the observer has filtered."""
     problem = make_problem(system, (), (experiment,), step=step)
     assert experiment.horizon is not None
-    edges = np.searchsorted(
-        experiment.time, np.arange(experiment.time[0], experiment.time[-1], experiment.horizon)
-    )
+    edges = np.searchsorted(experiment.time, np.arange(experiment.time[0], experiment.time[-1], experiment.horizon))
     return predict(problem, start, observer, restarts=tuple(int(k) for k in np.unique(edges)))
 
 
-def inverse_dynamics(
-    system: System, experiment: Experiment, score: ScoreSpec, measured: Mapping[str, str]
-) -> float:
+def inverse_dynamics(system: System, experiment: Experiment, score: ScoreSpec, measured: Mapping[str, str]) -> float:
     """Return the relative error of the input that the model needs for the measured motion, ||u - u_model|| / ||u||.
 
     The position passes a Butterworth filter forwards and backwards and is differentiated twice by central
@@ -187,8 +191,8 @@ def inverse_dynamics(
     relation = system.state_relations[output]
     factor, offset = (float(ca.Function("f", [system.p], [e])(p)) for e in (relation.factor, relation.offset))
     width = float(np.median(np.diff(experiment.time)))
-    b, a = filters.butter(score.order, score.cutoff * 2 * width)
-    s = filters.filtfilt(b, a, (experiment.outputs[output].values - offset) / factor)
+    sections = filters.butter(score.order, score.cutoff * 2 * width, output="sos")
+    s = filters.sosfiltfilt(sections, (experiment.outputs[output].values - offset) / factor)
     v = np.gradient(s, width)
     acceleration = np.gradient(v, width)
     x = np.zeros((2, s.size))

@@ -88,9 +88,7 @@ def load_experiment(spec: ExperimentSpec, units: Mapping[str, str]) -> Experimen
     kept = np.flatnonzero((time >= low) & (time <= high))
     if spec.window and not len(kept) and len(time):
         recorded = f"recorded from {time.min():g} s to {time.max():g} s"
-        raise StudyError(
-            f"{_at(spec)} `window` = [{low:g}, {high:g}] s holds no sample; the run was {recorded}."
-        )
+        raise StudyError(f"{_at(spec)} `window` = [{low:g}, {high:g}] s holds no sample; the run was {recorded}.")
     if len(kept) < MIN_SAMPLES:
         raise StudyError(f"{_at(spec)} {len(kept)} samples are too few; at least {MIN_SAMPLES} are needed.")
     time = _frozen(time[kept])
@@ -100,9 +98,7 @@ def load_experiment(spec: ExperimentSpec, units: Mapping[str, str]) -> Experimen
         return _channel(spec, table, kept, entry, units[variable])
 
     start = {
-        variable: Start(
-            _si_or_none(entry.guess if entry.value is None else entry.value, entry.unit), entry.is_free
-        )
+        variable: Start(_si_or_none(entry.guess if entry.value is None else entry.value, entry.unit), entry.is_free)
         for variable, entry in spec.start.items()
     }
     inputs = {variable: channel(variable, entry) for variable, entry in spec.inputs.items()}
@@ -305,9 +301,7 @@ def _used_columns(spec: ExperimentSpec) -> Table:
     used = dict.fromkeys([spec.time.column, *used] if spec.time else used)
     missing = [name for name in used if name not in table]
     if missing:
-        hints = [
-            close[0] for name in missing if (close := get_close_matches(name, list(table), n=1, cutoff=0.5))
-        ]
+        hints = [close[0] for name in missing if (close := get_close_matches(name, list(table), n=1, cutoff=0.5))]
         hint = f"did you mean {_listing(hints)}? " if hints else ""
         raise StudyError(
             f"{_at(spec)} there is no column {_listing(missing)}; {hint}The columns are: {_listing(table)}."

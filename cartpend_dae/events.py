@@ -75,9 +75,7 @@ def _forces(free: ca.SX, influence: ca.SX, pos: ca.SX, neg: ca.SX, modes: ca.SX)
     return ca.solve(ca.densify(ca.vertcat(*rows)), ca.vertcat(*right)) if n > 1 else right[0] / rows[0]
 
 
-def _stop(
-    speed: ca.Function, arguments: list[ca.SX], x: ca.SX, modes: ca.SX
-) -> tuple[ca.SX, ca.SX]:
+def _stop(speed: ca.Function, arguments: list[ca.SX], x: ca.SX, modes: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Stop the frictions whose speed has reached zero against their mode, and remove the speed that is left."""
     time, _, _, z, u, p = arguments
     for i in range(modes.numel()):

@@ -12,10 +12,7 @@ from cartpend_dae.language import (
     Collector,
     Component,
     Connection,
-    Flow,
     Initial,
-    Port,
-    Signal,
     Statement,
     attached_to,
     bindings_of,
@@ -26,6 +23,7 @@ from cartpend_dae.language import (
     used_ports_of,
     variables_of,
 )
+from cartpend_dae.quantities import Flow, Port, Signal
 from cartpend_dae.system import FlatSystem, Frictions, Initials, Kind, Parameter, Variable
 
 
@@ -176,11 +174,11 @@ def _join(tables: _Tables, path: str, component: Component | None, connection: C
         else:
             index = tables.index_of.get(end.element_hash()) if end.is_symbolic() else None
             if index is None or tables.variables[index].kind not in ("input", "output", "variable"):
-                raise ModelError(
-                    f"`connect` in `{where}` names `{end}`, which is neither a port nor a signal."
-                )
+                raise ModelError(f"`connect` in `{where}` names `{end}`, which is neither a port nor a signal.")
             keys.append(index)
-            if component is not None and end.element_hash() in {s.element_hash() for s in symbols_of(component).values()}:
+            if component is not None and end.element_hash() in {
+                s.element_hash() for s in symbols_of(component).values()
+            }:
                 tables.driven_inside.add(index)
     sets = tables.sets if isinstance(connection.ends[0], Port) else tables.signal_sets
     for key in keys[1:]:

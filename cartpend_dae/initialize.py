@@ -26,9 +26,7 @@ class _Conditions:
     names: tuple[str, ...]
 
 
-def initialize(
-    system: System, p: np.ndarray, u: np.ndarray, start: dict[str, float], time: float = 0.0
-) -> Start:
+def initialize(system: System, p: np.ndarray, u: np.ndarray, start: dict[str, float], time: float = 0.0) -> Start:
     """Find start values that satisfy, in this order: algebraic equations, `start`, fixed initial equations, guesses, zero.
 
     A lower condition is used only where the higher ones leave freedom.
@@ -71,7 +69,9 @@ def initialize(
     for _ in range(50):
         r, j = evaluate(point)
         if not (np.all(np.isfinite(r)) and np.all(np.isfinite(j))):
-            raise SolverError(f"{system.name}: the start equations give no finite numbers at the guess; give start values.")
+            raise SolverError(
+                f"{system.name}: the start equations give no finite numbers at the guess; give start values."
+            )
         chosen = _independent(j, n)
         step = np.linalg.solve(j[chosen], -r[chosen])
         point = point + step

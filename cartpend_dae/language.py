@@ -16,106 +16,27 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Generic, Literal, Never, Self, TypeVar, dataclass_transform, overload
+from typing import Any, Literal, TypeVar, dataclass_transform
 
 import casadi as ca
 import numpy as np
 
 from cartpend_dae.errors import ModelError
+from cartpend_dae.quantities import (
+    Declaration,
+    Expression,
+    Flow,
+    P,
+    Param,
+    Port,
+    PortField,
+    Signal,
+    Var,
+    declared,
+    state_of,
+)
 
-Expression = ca.SX | float | int
-P = TypeVar("P", bound="Port")
-Q = TypeVar("Q")
 C = TypeVar("C", bound="Component")
-
-
-@dataclass(frozen=True, slots=True)
-class Declaration:
-    """What a model says of one quantity: unit, bounds, start and a few words."""
-
-    unit: str
-    doc: str = ""
-    min: float | None = None
-    max: float | None = None
-    start: float | None = None
-    default: float | None = None
-    nominal: float | None = None
-
-
-class _Quantity:
-    """A declared quantity: read on the class it is its declaration, on an instance its symbol."""
-
-    def __init__(self, declaration: Declaration) -> None:
-        self.declaration = declaration
-        self.name = ""
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
-
-    @overload
-    def __get__(self, instance: None, owner: type) -> Self: ...
-    @overload
-    def __get__(self, instance: object, owner: type) -> ca.SX: ...
-    def __get__(self, instance: Any, owner: type) -> Any:
-        if instance is None:
-            return self
-        return _symbol(instance, self.name)
-
-
-class Param(_Quantity):
-    """A parameter: constant in time, set in the constructor by a number or an expression of the parent's parameters."""
-
-    def __set__(self, instance: object, value: Expression) -> None:
-        _state(instance).bindings[self.name] = value
-
-
-class _Computed(_Quantity):
-    def __set__(self, instance: object, value: Never) -> None:
-        raise AttributeError(
-            f"`{self.name}` of {type(instance).__name__} is computed by the model and cannot be assigned: "
-            f"write an equation, `yield self.{self.name} == ...`, or give a start value by `initial(...)`."
-        )
-
-
-class Var(_Computed):
-    """A variable computed by the model; in a port the potential (equal at a connection)."""
-
-
-class Flow(_Computed):
-    """A port variable that sums to zero at a connection, positive into the component."""
-
-
-class Signal(_Computed):
-    """A directed quantity: an input, driven by one output or by the experiment, or an output."""
-
-    def __init__(self, direction: Literal["in", "out"], declaration: Declaration) -> None:
-        super().__init__(declaration)
-        self.direction = direction
-
-
-class PortField(Generic[P]):
-    """The declaration of a port of class `kind`; on an instance the port itself."""
-
-    def __init__(self, kind: type[P], doc: str) -> None:
-        self.kind, self.doc, self.name = kind, doc, ""
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
-
-    @overload
-    def __get__(self, instance: None, owner: type) -> Self: ...
-    @overload
-    def __get__(self, instance: object, owner: type) -> P: ...
-    def __get__(self, instance: Any, owner: type) -> Any:
-        if instance is None:
-            return self
-        ports = _state(instance).ports
-        if self.name not in ports:
-            ports[self.name] = self.kind._make(instance, self.name)
-        return ports[self.name]
-
-    def __set__(self, instance: object, value: Never) -> None:
-        raise AttributeError(f"Port `{self.name}` of {type(instance).__name__} cannot be assigned: use `connect`.")
 
 
 def param(
@@ -163,9 +84,7 @@ def flow(*, unit: str, nominal: float | None = None, doc: str = "") -> Flow:
     return Flow(Declaration(unit, doc, nominal=nominal))
 
 
-def signal(
-    direction: Literal["in", "out"], *, unit: str, default: float | None = None, doc: str = ""
-) -> Signal:
+def signal(direction: Literal["in", "out"], *, unit: str, default: float | None = None, doc: str = "") -> Signal:
     """Declare a directed signal; an input that nothing drives is an input of the whole model.
 
     Parameters
@@ -187,53 +106,6 @@ def port(kind: type[P], *, doc: str = "") -> PortField[P]:
     return PortField(kind, doc)
 
 
-@dataclass(slots=True)
-class _InstanceState:
-    """The symbols, ports and parameter bindings of one component or port."""
-
-    symbols: dict[str, ca.SX] = field(default_factory=dict)
-    bindings: dict[str, Expression] = field(default_factory=dict)
-    ports: dict[str, "Port"] = field(default_factory=dict)
-    attached: dict[str, tuple["Component", tuple["Connection", ...]]] = field(default_factory=dict)
-
-
-def _state(instance: Any) -> _InstanceState:
-    return instance.__dict__.setdefault("_state", _InstanceState())
-
-
-def _symbol(instance: Any, name: str) -> ca.SX:
-    symbols = _state(instance).symbols
-    if name not in symbols:
-        symbols[name] = ca.SX.sym(name)
-    return symbols[name]
-
-
-def _declared(cls: type, kind: type[Q]) -> dict[str, Q]:
-    """Return the declarations of one kind, those of the bases first."""
-    found: dict[str, Q] = {}
-    for base in reversed(cls.__mro__):
-        found.update({name: value for name, value in vars(base).items() if isinstance(value, kind)})
-    return found
-
-
-class Port:
-    """Base of all ports: potentials (`var`) are equal at a connection, flows (`flow`) sum to zero."""
-
-    quantities: ClassVar[dict[str, _Computed]] = {}
-    owner: "Component"
-    name: str
-
-    def __init_subclass__(cls) -> None:
-        """Collect the declared quantities of the class."""
-        cls.quantities = _declared(cls, _Computed)
-
-    @classmethod
-    def _make(cls, owner: "Component", name: str) -> Self:
-        made = cls()
-        made.owner, made.name = owner, name
-        return made
-
-
 @dataclass(frozen=True, slots=True)
 class Connection:
     """Ports, or signals, that are joined."""
@@ -250,6 +122,8 @@ class Initial:
 
 
 Statement = ca.SX | Connection | Initial
+
+
 Statements = Iterator[Statement]
 
 
@@ -348,9 +222,7 @@ def dry_friction(speed: ca.SX, level: Expression, level_neg: Expression | None =
     """
     force = ca.SX.sym("dry_friction")
     other = level if level_neg is None else level_neg
-    _current("dry_friction").frictions.append(
-        DryFriction(force, ca.SX(speed), ca.SX(level), ca.SX(other))
-    )
+    _current("dry_friction").frictions.append(DryFriction(force, ca.SX(speed), ca.SX(level), ca.SX(other)))
     return force
 
 
@@ -404,7 +276,7 @@ class Component:
         If a parameter is missing, unknown, or not a number or an expression.
     """
 
-    def __init__(self, **arguments: Any) -> None:
+    def __init__(self, **arguments: object) -> None:
         cls = type(self)
         fields = constructor_fields(cls)
         unknown = sorted(set(arguments) - set(fields))
@@ -440,7 +312,7 @@ class Component:
         ModelError
             If a part of that name is attached already.
         """
-        attached = _state(self).attached
+        attached = state_of(self).attached
         if name in attached:
             raise ModelError(f"A part named `{name}` is attached already to this {type(self).__name__}.")
         attached[name] = (part, connections)
@@ -451,9 +323,7 @@ def _check_number(cls: type, name: str, value: object) -> None:
     if isinstance(value, ca.SX):
         if value.is_scalar():
             return
-    elif isinstance(value, float | int) and not isinstance(value, bool):
-        return
-    elif isinstance(value, np.number):
+    elif (isinstance(value, float | int) and not isinstance(value, bool)) or isinstance(value, np.number):
         return
     raise TypeError(f"{cls.__name__}: `{name}` must be a number or an expression of parameters, not {value!r}.")
 
@@ -482,17 +352,17 @@ def constructor_fields(cls: type) -> dict[str, bool]:
 
 def parameters_of(cls: type) -> dict[str, Param]:
     """Return the declared parameters of a component class, those of its bases first."""
-    return _declared(cls, Param)
+    return declared(cls, Param)
 
 
 def variables_of(cls: type) -> dict[str, Var | Signal]:
     """Return the declared variables and signals of a component class, those of its bases first."""
-    return _declared(cls, Var) | _declared(cls, Signal)
+    return declared(cls, Var) | declared(cls, Signal)
 
 
 def ports_of(cls: type) -> dict[str, PortField[Any]]:
     """Return the declared ports of a component class, those of its bases first."""
-    return _declared(cls, PortField)
+    return declared(cls, PortField)
 
 
 def parts_of(component: Component) -> dict[str, Component]:
@@ -505,12 +375,12 @@ def parts_of(component: Component) -> dict[str, Component]:
             parts.update({f"{name}[{i}]": item for i, item in enumerate(value) if isinstance(item, Component)})
         elif isinstance(value, dict):
             parts.update({f"{name}[{key}]": item for key, item in value.items() if isinstance(item, Component)})
-    return parts | {name: part for name, (part, _) in _state(component).attached.items()}
+    return parts | {name: part for name, (part, _) in state_of(component).attached.items()}
 
 
 def symbols_of(instance: Component | Port) -> dict[str, ca.SX]:
     """Return the symbols of a component or port that were used so far, by name."""
-    return _state(instance).symbols
+    return state_of(instance).symbols
 
 
 def used_ports_of(component: Component) -> dict[str, Port]:
@@ -520,9 +390,9 @@ def used_ports_of(component: Component) -> dict[str, Port]:
 
 def attached_to(component: Component) -> dict[str, tuple[Component, tuple[Connection, ...]]]:
     """Return the parts attached from outside, with the connections that join them."""
-    return _state(component).attached
+    return state_of(component).attached
 
 
 def bindings_of(component: Component) -> dict[str, Expression]:
     """Return what each parameter of a component was set to."""
-    return _state(component).bindings
+    return state_of(component).bindings

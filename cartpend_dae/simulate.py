@@ -2,9 +2,8 @@
 
 import contextlib
 import io
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -15,22 +14,12 @@ from cartpend_dae.data import Trajectory
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.events import HybridFriction, friction_events
 from cartpend_dae.initialize import Start, initialize
+from cartpend_dae.inputs import DrivenInputs, Input, driven_inputs, input_values, inputs_at, with_knots
 from cartpend_dae.language import Component
 from cartpend_dae.stepping import runge_kutta
 from cartpend_dae.system import System
 
-Sampled = tuple[Sequence[float] | np.ndarray, Sequence[float] | np.ndarray]
-Input = float | int | Callable[[ca.SX], ca.SX] | Sampled | tuple[np.ndarray, np.ndarray, Literal["zoh", "foh"]]
 Method = Literal["adaptive", "cvodes", "idas", "erk", "rosenbrock", "rk4"]
-
-
-@dataclass(frozen=True, slots=True)
-class _Inputs:
-    """Inputs over the intervals of a grid: value at the left end and slope, shapes (n_u, n_intervals)."""
-
-    left: np.ndarray
-    slope: np.ndarray
-    expressions: dict[int, Callable[[ca.SX], ca.SX]]
 
 
 def simulate(
@@ -91,9 +80,9 @@ def simulate(
     grid = _grid(stop, times, points, step if method == "rk4" and times is None else None)
     p = parameter_vector(system, dict(parameters or {}))
     check_bounds(system, p)
-    fine = _with_knots(grid, inputs or {})
-    driven = _inputs(system, inputs or {}, fine)
-    u_0 = _input_values(driven, fine[:1], driven.left[:, :1])[:, 0]
+    fine = with_knots(grid, inputs or {})
+    driven = driven_inputs(system, inputs or {}, fine)
+    u_0 = input_values(driven, fine[:1], driven.left[:, :1])[:, 0]
     begin = initialize(system, p, u_0, dict(start or {}), float(grid[0]))
     _check_start(system, begin, u_0, p, float(grid[0]))
     if method == "rk4":
@@ -119,68 +108,6 @@ def _grid(
     return grid
 
 
-def _with_knots(grid: np.ndarray, inputs: Mapping[str, Input]) -> np.ndarray:
-    """Add the sample times of inputs, where slopes or values jump, to the output times."""
-    knots = [np.asarray(value[0], dtype=float) for value in inputs.values() if isinstance(value, tuple)]
-    if not knots:
-        return grid
-    inside = np.concatenate(knots)
-    inside = inside[(inside > grid[0]) & (inside < grid[-1])]
-    merged = np.union1d(grid, inside)
-    # two knots closer than rounding would make an empty interval; output times win
-    close = np.flatnonzero(np.diff(merged) < 1e-12 * max(1.0, float(np.abs(merged).max())))
-    drop = [k + 1 if merged[k] in grid else k for k in close]
-    return np.delete(merged, drop)
-
-
-def _inputs(system: System, inputs: Mapping[str, Input], grid: np.ndarray) -> _Inputs:
-    n_intervals = grid.size - 1
-    left, slope = np.zeros((len(system.inputs), n_intervals)), np.zeros((len(system.inputs), n_intervals))
-    expressions: dict[int, Callable[[ca.SX], ca.SX]] = {}
-    known = dict(zip(system.inputs, range(len(system.inputs)), strict=True))
-    for name in inputs:
-        if name not in known:
-            listing = ", ".join(f"`{other}`" for other in system.inputs) or "none"
-            raise ModelError(f"{system.name} has no input `{name}`; its inputs are: {listing}.")
-    for name, row in known.items():
-        default = system.variables[system.index_of(name)].declaration.default
-        value = inputs.get(name, default)
-        if value is None:
-            raise ModelError(f"Nothing drives the input `{name}` of {system.name}: give `inputs={{'{name}': ...}}`.")
-        if callable(value):
-            expressions[row] = value
-        elif isinstance(value, tuple):
-            left[row], slope[row] = _sampled(name, value, grid)
-        else:
-            left[row] = float(value)
-    return _Inputs(left, slope, expressions)
-
-
-def _sampled(name: str, value: tuple, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    knots, samples = np.asarray(value[0], dtype=float), np.asarray(value[1], dtype=float)
-    hold = value[2] if len(value) == 3 else "foh"
-    if knots.shape != samples.shape or knots.ndim != 1 or knots.size < 1 or np.any(np.diff(knots) <= 0):
-        raise ModelError(
-            f"The samples of input `{name}` must be two rows of equal length with increasing times: "
-            f"found {knots.shape} times and {samples.shape} values."
-        )
-    if hold == "zoh":
-        # a sample holds from its own time on; the small shift keeps grid points that differ by rounding
-        index = np.searchsorted(knots, grid[:-1] + 1e-9 * (grid[1:] - grid[:-1]), side="right") - 1
-        return samples[np.clip(index, 0, None)], np.zeros(grid.size - 1)
-    values = np.interp(grid, knots, samples)
-    return values[:-1], np.diff(values) / np.diff(grid)
-
-
-def _input_values(driven: _Inputs, times: np.ndarray, sampled: np.ndarray) -> np.ndarray:
-    values = sampled.copy()
-    for row, expression in driven.expressions.items():
-        symbol = ca.SX.sym("time")
-        function = ca.Function("input", [symbol], [ca.SX(expression(symbol))])
-        values[row] = np.asarray(function(times.reshape(1, -1))).ravel()
-    return values
-
-
 def _check_start(system: System, start: Start, u: np.ndarray, p: np.ndarray, time: float) -> None:
     ode, _ = dae(system).rhs(time, start.x, start.z, u, p, np.zeros(system.frictions.force.numel()))
     bad = [name for name, value in zip(system.states, np.asarray(ode).ravel(), strict=True) if not np.isfinite(value)]
@@ -193,16 +120,27 @@ def _check_start(system: System, start: Start, u: np.ndarray, p: np.ndarray, tim
 
 
 def _adaptive(
-    system: System, start: Start, driven: _Inputs, p: np.ndarray, grid: np.ndarray, method: Method, rtol: float, atol: float
+    system: System,
+    start: Start,
+    driven: DrivenInputs,
+    p: np.ndarray,
+    grid: np.ndarray,
+    method: Method,
+    rtol: float,
+    atol: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Integrate over the grid; return states (n_x, n), algebraics (n_z, n) and friction modes (n_f, n)."""
     hybrid = friction_events(system) if system.frictions.places else None
     n_x, n_f = system.x.numel(), len(system.frictions.places)
     if hybrid is None and n_x == 0:
-        return np.zeros((0, grid.size)), _algebraic_only(system, start, driven, p, grid), np.zeros((0, grid.size))
+        return (
+            np.zeros((0, grid.size)),
+            _algebraic_only(system, start, driven, p, grid),
+            np.zeros((0, grid.size)),
+        )
     plugin = _plugin(system, method)
     problem, settle = _problem(system, driven, hybrid)
-    options: dict[str, object] = {"reltol": rtol, "abstol": atol, "show_eval_warnings": False}
+    options: dict[str, Any] = {"reltol": rtol, "abstol": atol, "show_eval_warnings": False}
     if plugin in ("cvodes", "idas"):
         options["max_num_steps"] = 1_000_000
     x_0 = start.x
@@ -235,7 +173,7 @@ def _plugin(system: System, method: Method) -> str:
 
 
 def _problem(
-    system: System, driven: _Inputs, hybrid: HybridFriction | None
+    system: System, driven: DrivenInputs, hybrid: HybridFriction | None
 ) -> tuple[dict[str, ca.SX], ca.Function | None]:
     """Return the problem for `casadi.integrator`, with inputs linear in time over each interval."""
     s = system
@@ -256,7 +194,11 @@ def _problem(
     fired = ca.SX.sym("fired")
     settled = hybrid.settle(s.time, s.x, hybrid.modes, s.z, values, s.p)
     transition = ca.Function(
-        "transition", [fired, s.time, x, s.z, s.p, u], [ca.vertcat(*settled), s.z], ca.event_in(), ca.event_out()
+        "transition",
+        [fired, s.time, x, s.z, s.p, u],
+        [ca.vertcat(*settled), s.z],
+        ca.event_in(),
+        ca.event_out(),
     )
     problem = {"x": x, "z": s.z, "p": s.p, "u": u, "t": s.time, "ode": ode, "alg": alg, "zero": indicators}
     return problem, transition
@@ -267,33 +209,27 @@ def _in_inputs(expressions: list[ca.SX], system: System, values: ca.SX) -> list[
 
 
 def _start_modes(
-    system: System, hybrid: HybridFriction, start: Start, driven: _Inputs, p: np.ndarray, grid: np.ndarray
+    system: System, hybrid: HybridFriction, start: Start, driven: DrivenInputs, p: np.ndarray, grid: np.ndarray
 ) -> np.ndarray:
-    u = _input_values(driven, grid[:1], driven.left[:, :1])[:, 0]
+    u = input_values(driven, grid[:1], driven.left[:, :1])[:, 0]
     speed = ca.Function("speed", [system.time, system.x, system.z, system.u, system.p], [system.frictions.speed])
     signs = np.sign(np.asarray(speed(grid[0], start.x, start.z, u, p)).ravel())
     _, modes = hybrid.settle(grid[0], start.x, signs, start.z, u, p)
     return np.asarray(modes).ravel()
 
 
-def _algebraic_only(system: System, start: Start, driven: _Inputs, p: np.ndarray, grid: np.ndarray) -> np.ndarray:
+def _algebraic_only(system: System, start: Start, driven: DrivenInputs, p: np.ndarray, grid: np.ndarray) -> np.ndarray:
     """Solve a model without states at each output time, from the solution before."""
     z = np.zeros((start.z.size, grid.size))
     guess = start.z
     for k, time in enumerate(grid):
-        u = _at_grid(driven, grid)[:, k]
+        u = inputs_at(driven, grid)[:, k]
         z[:, k] = initialize(system, p, u, dict(zip((), guess, strict=False)), float(time)).z if start.z.size else guess
     return z
 
 
-def _at_grid(driven: _Inputs, grid: np.ndarray) -> np.ndarray:
-    """Return inputs at all grid points, shape (n_u, n); a jump belongs to the interval that it opens."""
-    last = driven.left[:, -1:] + driven.slope[:, -1:] * (grid[-1] - grid[-2])
-    return _input_values(driven, grid, np.hstack([driven.left, last]))
-
-
 def _fixed_steps(
-    system: System, start: Start, driven: _Inputs, p: np.ndarray, grid: np.ndarray, step: float | None
+    system: System, start: Start, driven: DrivenInputs, p: np.ndarray, grid: np.ndarray, step: float | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if step is None or step <= 0:
         raise ModelError("Method `rk4` needs a positive `step` in seconds.")
@@ -301,14 +237,16 @@ def _fixed_steps(
     substeps = max(1, int(np.ceil(widths.max() / step - 1e-9)))
     function = runge_kutta(system, substeps=substeps).function
     right = driven.left + driven.slope * widths
-    left = _input_values(driven, grid[:-1], driven.left)
-    right = _input_values(driven, grid[1:], right)
+    left = input_values(driven, grid[:-1], driven.left)
+    right = input_values(driven, grid[1:], right)
     run = function.mapaccum("run", grid.size - 1, ["x"], ["x_next"])
     result = run(t=grid[:-1], h=widths, x=start.x, u_a=left, u_b=right, p=np.tile(p[:, None], grid.size - 1))
     x = np.column_stack([start.x, np.asarray(result["x_next"])])
     if not np.all(np.isfinite(x)):
         first = grid[int(np.flatnonzero(~np.isfinite(x).all(axis=0))[0])]
-        raise SolverError(f"{system.name}: rk4 with step {step:g} s is unstable: not finite from {first:g} s on; use a smaller step.")
+        raise SolverError(
+            f"{system.name}: rk4 with step {step:g} s is unstable: not finite from {first:g} s on; use a smaller step."
+        )
     return x, np.zeros((0, grid.size)), np.zeros((0, grid.size))
 
 
@@ -319,11 +257,11 @@ def _trajectory(
     x: np.ndarray,
     z: np.ndarray,
     modes: np.ndarray,
-    driven: _Inputs,
+    driven: DrivenInputs,
     p: np.ndarray,
 ) -> Trajectory:
     keep = np.searchsorted(fine, grid)
-    u = _at_grid(driven, fine)[:, keep]
+    u = inputs_at(driven, fine)[:, keep]
     force = _forces(system, grid, x[:, keep], z[:, keep], u, p, modes[:, keep])
     outputs = dae(system).outputs.map(grid.size)
     values = outputs(grid[None, :], x[:, keep], z[:, keep], u, np.tile(p[:, None], grid.size), force)
@@ -336,7 +274,13 @@ def _trajectory(
 
 
 def _forces(
-    system: System, grid: np.ndarray, x: np.ndarray, z: np.ndarray, u: np.ndarray, p: np.ndarray, modes: np.ndarray
+    system: System,
+    grid: np.ndarray,
+    x: np.ndarray,
+    z: np.ndarray,
+    u: np.ndarray,
+    p: np.ndarray,
+    modes: np.ndarray,
 ) -> np.ndarray:
     """Return the friction forces at the output times, shape (n_f, n)."""
     n_f = len(system.frictions.places)

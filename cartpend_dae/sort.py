@@ -10,7 +10,7 @@ from fractions import Fraction
 import casadi as ca
 import numpy as np
 
-from cartpend_dae.alias import symbolic
+from cartpend_dae.alias import nonzeros, symbolic
 from cartpend_dae.errors import StructureError
 from cartpend_dae.graph import blocks, matching
 from cartpend_dae.system import (
@@ -183,7 +183,7 @@ def _varying_entries(jacobian: ca.SX, unknowns: ca.SX) -> dict[int, set[int]]:
     if not jacobian.nnz():
         return found
     rows, columns = jacobian.sparsity().get_triplet()
-    entries, of = ca.jacobian_sparsity(ca.vertcat(*jacobian.nonzeros()), unknowns).get_triplet()
+    entries, of = ca.jacobian_sparsity(nonzeros(jacobian), unknowns).get_triplet()
     for entry, other in zip(entries, of, strict=True):
         found[rows[entry]] |= {columns[entry], other}
     return found
@@ -288,9 +288,7 @@ def _state_relations(aliased: AliasedSystem, state_keys: list[tuple[int, int]]) 
         return {}
     values, _ = _without_dependent_parameters(aliased, [_stack([symbolic(c) for c in coefficients])])
     elements = ca.vertsplit(values[0])
-    return {
-        name: StateRelation(state, elements[2 * k], elements[2 * k + 1]) for k, (name, state) in enumerate(found)
-    }
+    return {name: StateRelation(state, elements[2 * k], elements[2 * k + 1]) for k, (name, state) in enumerate(found)}
 
 
 def _eliminated(aliased: AliasedSystem) -> tuple[str, ...]:
@@ -322,7 +320,11 @@ def _with_dotted_names(aliased: AliasedSystem, expression: ca.SX, names: dict[tu
     flat = aliased.flat
     keys = [key for key in aliased.keys if key in names]
     table = dict(zip(aliased.keys, ca.vertsplit(aliased.symbols), strict=True)) if aliased.keys else {}
-    old = [*[table[key] for key in keys], *ca.vertsplit(flat.parameter_symbols), *ca.vertsplit(flat.frictions.force)]
+    old = [
+        *[table[key] for key in keys],
+        *ca.vertsplit(flat.parameter_symbols),
+        *ca.vertsplit(flat.frictions.force),
+    ]
     new = [names[key] for key in keys] + [q.name for q in flat.parameters]
     new += [f"dry_friction({place})" for place in flat.frictions.places]
     if not old:

@@ -50,7 +50,11 @@ def runge_kutta(system: System, *, substeps: int = 1) -> Step:
             f"Use the adaptive method."
         )
     t, h = ca.SX.sym("t"), ca.SX.sym("h")
-    x, u_a, u_b = ca.SX.sym("x", system.x.numel()), ca.SX.sym("a", system.u.numel()), ca.SX.sym("b", system.u.numel())
+    x, u_a, u_b = (
+        ca.SX.sym("x", system.x.numel()),
+        ca.SX.sym("a", system.u.numel()),
+        ca.SX.sym("b", system.u.numel()),
+    )
     p = ca.SX.sym("p", system.p.numel())
     rate = _rate_function(system)
     hold = _friction_function(system)

@@ -146,9 +146,7 @@ def load_model(reference: ModelReference) -> Component:
     try:
         return cls(**reference.arguments)
     except (Exception, SystemExit) as error:
-        given = (
-            ", ".join(f"{key} = {value!r}" for key, value in reference.arguments.items()) or "no arguments"
-        )
+        given = ", ".join(f"{key} = {value!r}" for key, value in reference.arguments.items()) or "no arguments"
         raise StudyError(
             f"{path}: `{cls.__name__}` cannot be made with {given}: {_what_went_wrong(error, path)}"
         ) from error
@@ -162,9 +160,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise StudyError(f"{path}: the study file cannot be read: {error.strerror}.") from None
     except UnicodeDecodeError as error:
-        raise StudyError(
-            f"{path}: the study file is not UTF-8 text (byte {error.start}); save it as UTF-8."
-        ) from None
+        raise StudyError(f"{path}: the study file is not UTF-8 text (byte {error.start}); save it as UTF-8.") from None
     except tomllib.TOMLDecodeError as error:
         raise StudyError(f"{path}: the study file is not valid TOML: {str(error).rstrip('.')}.") from None
 
@@ -334,9 +330,7 @@ def _what_went_wrong(error: BaseException, path: Path) -> str:
         shown = f" in `{error.text.strip()}`" if error.text else ""
         where = "" if error.filename == str(path) else f" of {error.filename}"
         return f"line {error.lineno}{where}: {error.msg}{shown}."
-    lines = [
-        frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)
-    ]
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
     place = f"line {lines[-1]}: " if lines else ""
     spoken = text if text and isinstance(error, ModelError | TypeError) else f"{kind}: {text}"
     return f"{place}{spoken.rstrip(': ')}."

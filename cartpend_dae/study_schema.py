@@ -43,9 +43,7 @@ def expand(text: str, base: Path) -> Path:
         if name == "CARTPEND_DATA":
             return str(data_folder())
         if name not in os.environ:
-            raise ValueError(
-                f"uses the environment variable `{name}`, which is not set: set it or write the path"
-            )
+            raise ValueError(f"uses the environment variable `{name}`, which is not set: set it or write the path")
         return os.environ[name]
 
     return (base / Path(re.sub(r"\$\{(\w+)\}", value, text)).expanduser()).absolute()
@@ -77,17 +75,13 @@ def _window(value: object) -> object:
 def _rows(value: object) -> object:
     if value is None or _are_ascending(value, int, lowest=0):
         return value
-    raise ValueError(
-        f"is {value!r}; expected [first, last], two sample numbers counted from 0, first before last"
-    )
+    raise ValueError(f"is {value!r}; expected [first, last], two sample numbers counted from 0, first before last")
 
 
 def _are_ascending(value: object, kind: type | UnionType, lowest: float = -math.inf) -> bool:
     if not isinstance(value, list | tuple) or len(value) != 2:
         return False
-    return (
-        all(isinstance(x, kind) and not isinstance(x, bool) for x in value) and lowest <= value[0] < value[1]
-    )
+    return all(isinstance(x, kind) and not isinstance(x, bool) for x in value) and lowest <= value[0] < value[1]
 
 
 FilePath = Annotated[Path, BeforeValidator(_path)]
@@ -170,9 +164,7 @@ class StartSpec:
 
     def __post_init__(self) -> None:
         if self.value is not None and self.guess is not None:
-            raise ValueError(
-                "has `value` and `guess`; give `value` to fix the start or `guess` to estimate it"
-            )
+            raise ValueError("has `value` and `guess`; give `value` to fix the start or `guess` to estimate it")
         if self.value is not None and self.free:
             raise ValueError("has `value` and `free = true`; a start that is estimated takes `guess`")
         if self.guess is not None and self.free is False:
@@ -224,15 +216,11 @@ class ExperimentSpec:
         if not self.outputs:
             raise ValueError("has no outputs; name at least one measured variable under `outputs`")
         if both := sorted(set(self.inputs) & set(self.outputs)):
-            raise ValueError(
-                f"has {', '.join(f'`{name}`' for name in both)} among the inputs and the outputs"
-            )
+            raise ValueError(f"has {', '.join(f'`{name}`' for name in both)} among the inputs and the outputs")
         if self.time is None and self.format.sample_rate is None:
             raise ValueError('has no time; give `time = { column = "..." }` or `format.sample_rate` in Hz')
         if (self.score == "horizon") != (self.horizon is not None):
-            raise ValueError(
-                'needs `score = "horizon"` and `horizon` in seconds together, or neither of them'
-            )
+            raise ValueError('needs `score = "horizon"` and `horizon` in seconds together, or neither of them')
 
 
 @dataclass(frozen=True, slots=True, config=_TABLE)
@@ -288,8 +276,6 @@ class StudyTable:
         for key, names in (("experiment", self.experiment), ("score", self.score)):
             listed = [entry.name for entry in names]
             if doubled := sorted({name for name in listed if listed.count(name) > 1}):
-                raise ValueError(
-                    f"has more than one [[{key}]] named {', '.join(f'`{name}`' for name in doubled)}"
-                )
+                raise ValueError(f"has more than one [[{key}]] named {', '.join(f'`{name}`' for name in doubled)}")
         if self.experiment and not any(entry.role == "train" for entry in self.experiment):
             raise ValueError('has no [[experiment]] with `role = "train"`, so there is nothing to fit')

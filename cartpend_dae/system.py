@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.errors import ModelError
-from cartpend_dae.language import Declaration
+from cartpend_dae.quantities import Declaration
 
 Kind = Literal["variable", "potential", "flow", "input", "output"]
 Coefficient = Fraction | ca.SX

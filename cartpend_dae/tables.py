@@ -118,9 +118,7 @@ def _read_text(path: Path, format: FormatSpec) -> Table:
     if len(names) != n:
         source = "`format.columns`" if format.columns else "the header"
         found = f"{source} names {len(names)} columns" if names else "the file has no header"
-        raise StudyError(
-            f"{found}, but the rows have {n}, such as {split[0]}; give all names by `format.columns`."
-        )
+        raise StudyError(f"{found}, but the rows have {n}, such as {split[0]}; give all names by `format.columns`.")
     try:
         frame = pd.read_csv(
             io.StringIO("\n".join(lines)),
@@ -167,10 +165,7 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 
 def _is_number(cell: str, decimal: str) -> bool:
-    return (
-        re.fullmatch(rf"[+-]?(\d+{re.escape(decimal)}?\d*|{re.escape(decimal)}\d+)([eE][+-]?\d+)?", cell)
-        is not None
-    )
+    return re.fullmatch(rf"[+-]?(\d+{re.escape(decimal)}?\d*|{re.escape(decimal)}\d+)([eE][+-]?\d+)?", cell) is not None
 
 
 def _dialect(sample: list[str], format: FormatSpec) -> tuple[str, str]:
@@ -195,7 +190,4 @@ def _dialect(sample: list[str], format: FormatSpec) -> tuple[str, str]:
 
 def _unique(names: list[str]) -> list[str]:
     """Number repeated names as pandas does: `w`, `w.1`."""
-    return [
-        name if not (k := names[:j].count(name)) or not name else f"{name}.{k}"
-        for j, name in enumerate(names)
-    ]
+    return [name if not (k := names[:j].count(name)) or not name else f"{name}.{k}" for j, name in enumerate(names)]

@@ -82,9 +82,7 @@ def parse(text: str) -> Unit:
         raise ModelError(f"The unit `{text}` cannot be read: its exponents are too large.") from None
 
 
-def to_si(
-    values: Values, unit: Unit | str, expected: Unit | str | None = None, *, difference: bool = False
-) -> Values:
+def to_si(values: Values, unit: Unit | str, expected: Unit | str | None = None, *, difference: bool = False) -> Values:
     """Convert a number or an array from `unit` to SI.
 
     `expected` is any unit of the quantity that is wanted, and a unit of another one is a `ModelError`. With
@@ -169,9 +167,7 @@ def _read_factor(text: str) -> Unit:
     if not text:
         raise ModelError("a symbol is missing. A number without a unit has the unit `1`.")
     if (match := _FACTOR.fullmatch(text)) is None:
-        raise ModelError(
-            f"`{text}` is not a symbol with an exponent. Write for example `N.m/rad`, `m/s2` or `1/s`."
-        )
+        raise ModelError(f"`{text}` is not a symbol with an exponent. Write for example `N.m/rad`, `m/s2` or `1/s`.")
     name, whole, fraction = match.groups()
     unit, exponent = _read_symbol(name), whole or fraction
     return power(unit, Fraction(exponent)) if exponent else unit
@@ -192,9 +188,7 @@ def _read_symbol(name: str) -> Unit:
             unit = _read_symbol(rest)
             return Unit(unit.dimension, scale * unit.factor)
     near = [_SLIPS[name]] if name in _SLIPS else get_close_matches(name, (*BASE_UNITS, *_DERIVED), n=1)
-    raise ModelError(
-        f"`{name}` is not a known unit." + "".join(f" Did you mean `{other}`?" for other in near)
-    )
+    raise ModelError(f"`{name}` is not a known unit." + "".join(f" Did you mean `{other}`?" for other in near))
 
 
 def _split(text: str, separator: str) -> list[str]:
@@ -242,13 +236,9 @@ def _checked(unit: Unit | str, expected: Unit | str | None) -> Unit:
         return known
     wanted = _as_unit(expected)
     if not same_dimension(known, wanted):
-        names = [
-            f"`{name}`" for other, name in _preferred_names().items() if other.dimension == wanted.dimension
-        ]
+        names = [f"`{name}`" for other, name in _preferred_names().items() if other.dimension == wanted.dimension]
         hint = f" It could be {', '.join(sorted(names)[:4])}." if names else ""
-        raise ModelError(
-            f"The unit `{unit}` does not measure what is expected, a quantity in `{expected}`.{hint}"
-        )
+        raise ModelError(f"The unit `{unit}` does not measure what is expected, a quantity in `{expected}`.{hint}")
     kg, m, s, *others, angle = known.dimension
     is_rate = s != 0 and not any((kg, m, *others))
     events = wanted if angle else known  # of a rate of angle and a rate of events (Hz, 1/min), the latter

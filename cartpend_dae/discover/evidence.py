@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cartpend_dae.identify import Fit, Linearisation
+from cartpend_dae.identify import Fit
+from cartpend_dae.shooting import Linearisation
 
 BLOCKS = 30
 

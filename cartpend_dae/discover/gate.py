@@ -1,4 +1,4 @@
-"""Stage 1: is the residual more than noise?"""
+"""Stage 1: whether the residual is more than noise."""
 
 import numpy as np
 

@@ -8,10 +8,10 @@ from cartpend_dae.discover.records import Discovery, Regime, Search, Setup
 from cartpend_dae.discover.search import search
 from cartpend_dae.discover.workbench import Workbench, augmented, renamed
 from cartpend_dae.effects import Card, Insertion, catalogue, places
+from cartpend_dae.effects.insert import component_at
 from cartpend_dae.errors import ModelError
 from cartpend_dae.identify import Fit
 from cartpend_dae.language import Component, bindings_of
-from cartpend_dae.effects.insert import component_at
 
 
 def _silent(stage: str, label: str, error: float) -> None:
@@ -87,9 +87,7 @@ def _assess(setup: Setup, insertions: tuple[Insertion, ...], fit: Fit, bandwidth
     measured: dict[str, str] = {}
     for insertion in insertions:
         measured |= {new: old for old, new in insertion.measured.items()}
-    return assess(
-        system, fit.values, runs, setup.scores, bandwidth=bandwidth, step=setup.step, measured=measured
-    )
+    return assess(system, fit.values, runs, setup.scores, bandwidth=bandwidth, step=setup.step, measured=measured)
 
 
 def set_values(model: Component, values: dict[str, float]) -> None:

@@ -1,18 +1,23 @@
 """Which regime the data are in: sensor noise alone, or small disturbances everywhere as well."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from cartpend_dae.discover.gate import residuals
-from cartpend_dae.discover.records import Regime
+from cartpend_dae.discover.records import Candidate, Regime
 from cartpend_dae.discover.workbench import Workbench
-from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError
 
 # bandwidths tried, in units of the sampling rate
 LADDER = (1.0, 0.3, 0.1, 0.03, 0.01)
+# the cost of prediction may rise by this much from one rung to the next before the ladder is left
+SLACK = 1.05
 
 
-def find_regime(bench: Workbench, everything: tuple[Insertion, ...], sd: np.ndarray) -> tuple[Regime, float]:
+def find_regime(
+    bench: Workbench, screened: list[Candidate], point: Mapping[str, float], sd: np.ndarray
+) -> tuple[Regime, float]:
     """Fit the model with all effects of the catalogue at once, with less and less output injection.
 
     If the richest model simulates freely to within white noise, the sensors are the only imperfection. If
@@ -23,8 +28,10 @@ def find_regime(bench: Workbench, everything: tuple[Insertion, ...], sd: np.ndar
     ----------
     bench
         The workbench.
-    everything
-        All candidates.
+    screened
+        All candidates; those that no sensor sees are left out. Their predicted parameters set the scale.
+    point
+        Fit of the baseline: parameters and free starts by name, SI.
     sd
         Noise used as weight, shape (n_y,).
 
@@ -38,18 +45,24 @@ def find_regime(bench: Workbench, everything: tuple[Insertion, ...], sd: np.ndar
     L. Ljung, "System Identification: Theory for the User", 2nd ed. (1999), section 7.2 (prediction errors).
     """
     rate = 1.0 / min(float(np.median(np.diff(experiment.time))) for experiment in bench.setup.train)
+    visible = [candidate for candidate in screened if any(candidate.parameters.values())]
+    everything = tuple(candidate.insertion for candidate in visible)
+    hints = {name: value for candidate in visible for name, value in candidate.parameters.items()}
     best_bandwidth, best_cost = LADDER[0] * rate, np.inf
-    point: dict[str, float] = {}
-    for bandwidth in (*(share * rate for share in LADDER), 0.0):
+    # without disturbances the first rungs get better downwards; then the free simulation is tried at once
+    for bandwidth in (*(share * rate for share in LADDER[:2]), 0.0, *(share * rate for share in LADDER[2:])):
         try:
-            fit = bench.fit(everything, point, (bandwidth,), sd)
+            stages = (2.0 * bench.frequency, 0.0) if bandwidth == 0.0 else (bandwidth,)
+            fit = bench.fit(everything, point, stages, sd, hints)
         except SolverError:
-            break
-        if bandwidth == 0.0 and not residuals(fit).is_passed:
-            return "noise", 0.0
-        if not fit.chi2 < 1.05 * best_cost:
+            continue
+        if bandwidth == 0.0:
+            if not residuals(fit).is_passed:
+                return "noise", 0.0
+            continue
+        if fit.chi2 > SLACK * best_cost:
             break
         if fit.chi2 < best_cost:
             best_bandwidth, best_cost = bandwidth, fit.chi2
         point = fit.point
-    return "disturbances", best_bandwidth or LADDER[-1] * rate
+    return "disturbances", best_bandwidth

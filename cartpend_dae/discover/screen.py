@@ -7,7 +7,7 @@ import numpy as np
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place
-from cartpend_dae.identify import Linearisation
+from cartpend_dae.shooting import Linearisation
 
 # effects that change the residual by less than this share of their own size are invisible to these sensors
 BLIND = 1e-10
@@ -88,5 +88,7 @@ def _predict(insertion: Insertion, linear: Linearisation) -> Candidate:
     low = np.array([linear.variables[i].lower for i in own])
     high = np.array([linear.variables[i].upper for i in own])
     if np.any(size * scale < low) or np.any(size * scale > high):
-        return Candidate(insertion, values, 0.0, 0.0, 0.0, None, "it would need the wrong sign: it does not oppose motion")
+        return Candidate(
+            insertion, values, 0.0, 0.0, 0.0, None, "it would need the wrong sign: it does not oppose motion"
+        )
     return Candidate(insertion, values, float(-pull @ size), 0.0, 0.0, None, "")

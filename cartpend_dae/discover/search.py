@@ -75,12 +75,12 @@ def search(
     gate = residuals(base.fit)
     if not gate.is_passed and regime != "disturbances":
         return Search("noise", 0.0, base.fit, gate, base.fit, gate, (), (), "no-discrepancy", False)
-    everything = tuple(candidates(cards, places, ()))
     bandwidth = 0.0
-    if regime is None:
-        regime, bandwidth = find_regime(bench, everything, noise.sd)
-    elif regime == "disturbances":
-        _, bandwidth = find_regime(bench, everything, noise.sd)
+    if regime != "noise":
+        early = base.fits[noise.screening].point
+        screened = screen(bench, (), early, candidates(cards, places, ()), noise.screening, noise.sd)
+        found, bandwidth = find_regime(bench, screened, early, noise.sd)
+        regime = regime or found
     rules = noise
     if regime == "disturbances":
         rules, base = _disturbance_rules(bench, bandwidth, noise.sd)
@@ -104,7 +104,16 @@ def search(
     last_gate = residuals(base.fit)
     verdict = _verdict(first_gate.is_passed, bool(steps), last_gate.is_passed)
     return Search(
-        regime, bandwidth, first, first_gate, base.fit, last_gate, tuple(steps), tuple(tried), verdict, interrupted
+        regime,
+        bandwidth,
+        first,
+        first_gate,
+        base.fit,
+        last_gate,
+        tuple(steps),
+        tuple(tried),
+        verdict,
+        interrupted,
     )
 
 

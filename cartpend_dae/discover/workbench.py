@@ -9,18 +9,11 @@ from cartpend_dae.assemble import assemble
 from cartpend_dae.data import Experiment
 from cartpend_dae.discover.records import Setup
 from cartpend_dae.effects import Insertion, insert
-from cartpend_dae.identify import (
-    Fit,
-    Free,
-    Linearisation,
-    Problem,
-    dominant_frequency,
-    estimate,
-    free_parameter,
-    linearised,
-    make_problem,
-)
+from cartpend_dae.identify import Fit, estimate
 from cartpend_dae.language import Component
+from cartpend_dae.problem import Problem, dominant_frequency, free_parameter, make_problem
+from cartpend_dae.shooting import Linearisation, linearised
+from cartpend_dae.transcribe import Free
 
 Report = Callable[[str, str, float], None]
 
@@ -41,7 +34,10 @@ class Workbench:
         return self._problems[key]
 
     def build(
-        self, insertions: tuple[Insertion, ...], experiments: tuple[Experiment, ...], hints: Mapping[str, float]
+        self,
+        insertions: tuple[Insertion, ...],
+        experiments: tuple[Experiment, ...],
+        hints: Mapping[str, float],
     ) -> Problem:
         """Make a problem on given runs."""
         model = augmented(self.setup.model, insertions)
@@ -53,7 +49,14 @@ class Workbench:
             for name, item in zip(insertion.parameter_names, insertion.card.parameters, strict=True):
                 hint = abs(hints.get(name, 0.0)) or None
                 free.append(
-                    free_parameter(system, name, guess=0.0, lower=_finite(item.lower), upper=_finite(item.upper), scale=hint)
+                    free_parameter(
+                        system,
+                        name,
+                        guess=0.0,
+                        lower=_finite(item.lower),
+                        upper=_finite(item.upper),
+                        scale=hint,
+                    )
                 )
         return make_problem(system, tuple(free), renamed(experiments, insertions), step=self.setup.step)
 

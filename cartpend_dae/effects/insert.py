@@ -24,7 +24,10 @@ from cartpend_dae.language import (
 from cartpend_dae.library import rotational, translational
 from cartpend_dae.system import Relation, unknown_name
 
-_FIXED: dict[type[Port], type[Component]] = {rotational.Flange: rotational.Fixed, translational.Flange: translational.Fixed}
+_FIXED: dict[type[Port], type[Component]] = {
+    rotational.Flange: rotational.Fixed,
+    translational.Flange: translational.Fixed,
+}
 _POSITION: dict[type[Port], str] = {rotational.Flange: "phi", translational.Flange: "s"}
 
 
@@ -217,7 +220,10 @@ def places(model: Component, measured: tuple[str, ...] = ()) -> tuple[Place, ...
             )
             if not relative:
                 continue
-            damped = any("N.s/m" in q.declaration.unit or "N.m.s/rad" in q.declaration.unit for q in parameters_of(type(component)).values())
+            damped = any(
+                "N.s/m" in q.declaration.unit or "N.m.s/rad" in q.declaration.unit
+                for q in parameters_of(type(component)).values()
+            )
             rank = (0 if port_a is not None and damped else 1 if port_a is not None else 2, order)
             groups.setdefault(relative, []).append((rank, Place(path, kind, port_a, port_b, ())))
     found = []

@@ -1,0 +1,158 @@
+"""Declared quantities and ports as Python descriptors: on a class a declaration, on an instance a symbol."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Never, Self, TypeVar, overload
+
+import casadi as ca
+
+if TYPE_CHECKING:
+    from cartpend_dae.language import Component, Connection
+
+
+Expression = ca.SX | float | int
+
+
+P = TypeVar("P", bound="Port")
+
+
+Q = TypeVar("Q")
+
+
+@dataclass(frozen=True, slots=True)
+class Declaration:
+    """What a model says of one quantity: unit, bounds, start and a few words."""
+
+    unit: str
+    doc: str = ""
+    min: float | None = None
+    max: float | None = None
+    start: float | None = None
+    default: float | None = None
+    nominal: float | None = None
+
+
+@dataclass(slots=True)
+class InstanceState:
+    """The symbols, ports and parameter bindings of one component or port."""
+
+    symbols: dict[str, ca.SX] = field(default_factory=dict)
+    bindings: dict[str, Expression] = field(default_factory=dict)
+    ports: dict[str, "Port"] = field(default_factory=dict)
+    attached: dict[str, tuple["Component", tuple["Connection", ...]]] = field(default_factory=dict)
+
+
+def state_of(instance: object) -> InstanceState:
+    """Return the symbols, ports and bindings of a component or port, made at the first call."""
+    return instance.__dict__.setdefault("_state", InstanceState())
+
+
+def symbol_of(instance: object, name: str) -> ca.SX:
+    """Return the symbol of a quantity of one component or port, the same at every call."""
+    symbols = state_of(instance).symbols
+    if name not in symbols:
+        symbols[name] = ca.SX.sym(name)
+    return symbols[name]
+
+
+def declared(cls: type, kind: type[Q]) -> dict[str, Q]:
+    """Return the declarations of one kind, those of the bases first."""
+    found: dict[str, Q] = {}
+    for base in reversed(cls.__mro__):
+        found.update({name: value for name, value in vars(base).items() if isinstance(value, kind)})
+    return found
+
+
+class Quantity:
+    """A declared quantity: read on the class it is its declaration, on an instance its symbol."""
+
+    def __init__(self, declaration: Declaration) -> None:
+        self.declaration = declaration
+        self.name = ""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    @overload
+    def __get__(self, instance: None, owner: type) -> Self: ...
+    @overload
+    def __get__(self, instance: object, owner: type) -> ca.SX: ...
+    def __get__(self, instance: Any, owner: type) -> Any:
+        if instance is None:
+            return self
+        return symbol_of(instance, self.name)
+
+
+class Param(Quantity):
+    """A parameter: constant in time, set in the constructor by a number or an expression of the parent's parameters."""
+
+    def __set__(self, instance: object, value: Expression) -> None:
+        state_of(instance).bindings[self.name] = value
+
+
+class Computed(Quantity):
+    """A quantity that the model computes; it cannot be assigned."""
+
+    def __set__(self, instance: object, value: Never) -> None:
+        raise AttributeError(
+            f"`{self.name}` of {type(instance).__name__} is computed by the model and cannot be assigned: "
+            f"write an equation, `yield self.{self.name} == ...`, or give a start value by `initial(...)`."
+        )
+
+
+class Var(Computed):
+    """A variable computed by the model; in a port the potential (equal at a connection)."""
+
+
+class Flow(Computed):
+    """A port variable that sums to zero at a connection, positive into the component."""
+
+
+class Signal(Computed):
+    """A directed quantity: an input, driven by one output or by the experiment, or an output."""
+
+    def __init__(self, direction: Literal["in", "out"], declaration: Declaration) -> None:
+        super().__init__(declaration)
+        self.direction = direction
+
+
+class PortField(Generic[P]):
+    """The declaration of a port of class `kind`; on an instance the port itself."""
+
+    def __init__(self, kind: type[P], doc: str) -> None:
+        self.kind, self.doc, self.name = kind, doc, ""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    @overload
+    def __get__(self, instance: None, owner: type) -> Self: ...
+    @overload
+    def __get__(self, instance: object, owner: type) -> P: ...
+    def __get__(self, instance: Any, owner: type) -> Any:
+        if instance is None:
+            return self
+        ports = state_of(instance).ports
+        if self.name not in ports:
+            ports[self.name] = self.kind._make(instance, self.name)
+        return ports[self.name]
+
+    def __set__(self, instance: object, value: Never) -> None:
+        raise AttributeError(f"Port `{self.name}` of {type(instance).__name__} cannot be assigned: use `connect`.")
+
+
+class Port:
+    """Base of all ports: potentials (`var`) are equal at a connection, flows (`flow`) sum to zero."""
+
+    quantities: ClassVar[dict[str, Computed]] = {}
+    owner: "Component"
+    name: str
+
+    def __init_subclass__(cls) -> None:
+        """Collect the declared quantities of the class."""
+        cls.quantities = declared(cls, Computed)
+
+    @classmethod
+    def _make(cls, owner: "Component", name: str) -> Self:
+        made = cls()
+        made.owner, made.name = owner, name
+        return made

@@ -1,0 +1,241 @@
+"""Sentences and numbers for people: a model in words, the verdict of a study, values with their uncertainty."""
+
+import math
+from collections.abc import Iterable, Sequence
+
+import casadi as ca
+
+from cartpend_dae.assess import Assessment, OutputError, RunError
+from cartpend_dae.discover import Discovery, Gate
+from cartpend_dae.discover.gate import LIMIT
+from cartpend_dae.discover.records import Search
+from cartpend_dae.identify import Estimate, Fit
+from cartpend_dae.session import Opened
+from cartpend_dae.system import FlatSystem, System
+
+SHOWN = 60
+"""Lines of a long list that are shown unless all are asked for."""
+
+
+def for_people(unit: str) -> tuple[float, str]:
+    """Return the factor and the unit in which a quantity is shown: degrees for radians, else as it is."""
+    shown = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2"}
+    return (180 / math.pi, shown[unit]) if unit in shown else (1.0, unit)
+
+
+def quantity(value: float, unit: str) -> str:
+    """Write a value of SI `unit` in everyday units, with three digits."""
+    factor, shown = for_people(unit)
+    return with_unit(f"{value * factor:.3g}", shown)
+
+
+def with_unit(text: str, unit: str) -> str:
+    """Write a number with its unit; the unit 1 is left out."""
+    return text if unit == "1" else f"{text} {unit}"
+
+
+def uncertain(value: float, sd: float | None) -> str:
+    """Write a value and its standard deviation to the digit that the latter allows: 0.01502 ± 0.00002."""
+    if sd is None or not math.isfinite(sd):
+        return f"{value:.4g}"
+    if sd == 0 or not math.isfinite(value):
+        return f"{value:.6g} ± {sd:.2g}"
+    decimals = 1 - math.floor(math.log10(sd))
+    if decimals > 8 or abs(value) >= 1e7:
+        return f"{value:.{max(3, decimals + math.floor(math.log10(abs(value) or sd)) + 1)}g} ± {sd:.2g}"
+    return f"{round(value, decimals):.{max(0, decimals)}f} ± {round(sd, decimals):.{max(0, decimals)}f}"
+
+
+def estimated(estimate: Estimate) -> str:
+    """Write an estimate with its unit, or why it has no standard deviation."""
+    text = with_unit(uncertain(estimate.value, estimate.sd), estimate.unit)
+    why = {"at-bound": " (on its bound)", "unidentifiable": " (the data do not determine it)"}
+    return text + why.get(estimate.status, "")
+
+
+def listing(names: Iterable[str]) -> str:
+    """Join names in back-quotes by commas and an `and`."""
+    quoted = [f"`{name}`" for name in names]
+    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} and {quoted[-1]}" if quoted else "none"
+
+
+def effect_name(effect: str) -> str:
+    """Write the id of an effect as it stands in a sentence: Coulomb friction, a constant load."""
+    words = effect.replace("_", " ").replace("coulomb", "Coulomb")
+    return words if words.endswith(("friction", "drag")) else f"a {words}"
+
+
+def discovery_sentence(discovery: Discovery) -> str:
+    """Say in a sentence or two what was found, and what it is worth on runs that the fit never saw."""
+    search, model = discovery.search, type(discovery.setup.model).__name__
+    begun = "The search was interrupted; this is the best so far. " if search.interrupted else ""
+    if search.verdict == "no-discrepancy":
+        return (
+            f"{begun}The residuals of {model} are no more than noise (z = {search.baseline_gate.largest:.1f}, "
+            f"limit {LIMIT:g}): nothing was added."
+        )
+    if not search.steps:
+        return begun + _unexplained(search, model)
+    left = search.final_gate
+    rest = (
+        f" What is left is still more than noise (z = {left.largest:.1f}, limit {LIMIT:g})."
+        if search.verdict == "improved"
+        else " What is left is no more than noise."
+    )
+    return f"{begun}{_lacked(search)}; {_errors_fell(discovery.before, discovery.after)}.{rest}"
+
+
+def _unexplained(search: Search, model: str) -> str:
+    text = (
+        f"The residuals of {model} are more than noise (z = {search.baseline_gate.largest:.1f}, limit {LIMIT:g}), "
+        f"but no effect of the catalogue could be accepted"
+    )
+    fitted = [candidate for candidate in search.candidates if candidate.fit is not None]
+    if not fitted:
+        return text + "."
+    best = fitted[0]
+    name = effect_name(best.insertion.card.id)
+    return f"{text}; the best was {name} at `{best.insertion.place.at}`: {best.why_not}."
+
+
+def _lacked(search: Search) -> str:
+    parts = []
+    for step in search.steps:
+        insertion = step.candidate.insertion
+        own = [e for e in search.final.parameters if e.name in insertion.parameter_names]
+        values = ", ".join(f"{e.name.rpartition('.')[2]} = {estimated(e)}" for e in own)
+        parts.append(f"{effect_name(insertion.card.id)} at `{insertion.place.at}` ({values})")
+    text = parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+    return f"The model lacked {text}"
+
+
+def deciding_runs(errors: Assessment) -> tuple[RunError, ...]:
+    """Return the test runs; where there are none those of selection, else all."""
+    for role in ("test", "select"):
+        if found := tuple(run for run in errors.runs if run.role == role):
+            return found
+    return errors.runs
+
+
+def _errors_fell(before: Assessment, after: Assessment) -> str:
+    """Say how the error changed on the test runs: the study's own scores, or the error of each output."""
+    last = {run.name: run for run in after.runs}
+    parts = []
+    for run in deciding_runs(before):
+        where = f"on the {run.role} run `{run.name}`"
+        if before.scores:
+            for name, values in before.scores.items():
+                first, second = values[run.name], after.scores[name][run.name]
+                parts.append(f"{name} {where} {_moved(first, second)} from {_percent(first)} to {_percent(second)}")
+            continue
+        for name, error in run.outputs.items():
+            new = last[run.name].outputs[name]
+            parts.append(
+                f"the error of `{name}` {where} {_moved(error.rmse, new.rmse)} from "
+                f"{quantity(error.rmse, error.unit)} to {quantity(new.rmse, error.unit)}{_noise(new)}"
+            )
+    return "; ".join(parts)
+
+
+def _moved(before: float, after: float) -> str:
+    return "fell" if after < before else "rose"
+
+
+def _percent(value: float) -> str:
+    return f"{100 * value:.3g} %"
+
+
+def _noise(error: OutputError) -> str:
+    known = math.isfinite(error.noise_sd)
+    return f" (noise {quantity(error.noise_sd, error.unit)})" if known else ""
+
+
+def identification_sentence(opened: Opened, errors: Assessment, gate: Gate) -> str:
+    """Say what was fitted and whether the model explains it."""
+    runs = listing(run.name for run in errors.runs if run.role == "train")
+    text = f"{type(opened.model).__name__} is calibrated on {runs}. "
+    if not gate.is_passed:
+        return f"{text}The residuals are no more than noise (z = {gate.largest:.1f}, limit {LIMIT:g})."
+    return (
+        f"{text}The residuals are more than noise (z = {gate.largest:.1f}, limit {LIMIT:g}): "
+        f"`cartpend discover` looks for what the model lacks."
+    )
+
+
+def remarks(fit: Fit) -> tuple[str, ...]:
+    """Return a sentence for each estimate that must not be trusted as it stands."""
+    found = []
+    for estimate in fit.parameters:
+        if estimate.status == "unidentifiable":
+            found.append(f"The data do not determine `{estimate.name}`; fix it (`fixed = true`) or record another motion.")
+        elif estimate.status == "at-bound":
+            found.append(f"`{estimate.name}` ended on its bound, {with_unit(f'{estimate.value:.4g}', estimate.unit)}.")
+    return tuple(found)
+
+
+def describe_model(system: System, *, everything: bool = False) -> str:
+    """Return the flat equations of a model, what was eliminated, and what is left.
+
+    Parameters
+    ----------
+    system
+        The assembled model.
+    everything
+        True shows all lines of long lists.
+    """
+    flat = system.flat
+    sections = [
+        _section("flat equations", flat_equations(flat), everything),
+        _section("start equations", start_equations(flat), everything),
+        _section("eliminated, each as it follows from what is left", system.eliminated, everything),
+        str(system).splitlines(),
+    ]
+    return "\n".join(line for section in sections for line in section)
+
+
+def _section(title: str, lines: Sequence[str], everything: bool) -> list[str]:
+    if not lines:
+        return []
+    shown = lines if everything else lines[:SHOWN]
+    rest = [f"  ... and {len(lines) - len(shown)} more; `--flat` shows all"] if len(shown) < len(lines) else []
+    return [f"{title} ({len(lines)}):", *(f"  {line}" for line in shown), *rest, ""]
+
+
+def flat_equations(flat: FlatSystem) -> tuple[str, ...]:
+    """Return all equations with dotted names, each with the place where it stands."""
+    equations = [_equation(row) for row in ca.vertsplit(_with_names(flat, flat.residual))]
+    return tuple(f"{text}    [{origin}]" for text, origin in zip(equations, flat.origins, strict=True))
+
+
+def start_equations(flat: FlatSystem) -> tuple[str, ...]:
+    """Return the equations that hold at the start."""
+    equations = [_equation(row) for row in ca.vertsplit(_with_names(flat, flat.initials.residual))]
+    hints = ("" if fixed else "    (a guess)" for fixed in flat.initials.fixed)
+    return tuple(text + hint for text, hint in zip(equations, hints, strict=True))
+
+
+def _equation(residual: ca.SX) -> str:
+    if residual.op() == ca.OP_SUB:
+        return f"{_bare(residual.dep(0))} = {_bare(residual.dep(1))}"
+    return f"0 = {_bare(residual)}"
+
+
+def _bare(expression: ca.SX) -> str:
+    """Write an expression without the parentheses around all of it."""
+    text = str(expression)
+    depth = 0
+    for position, character in enumerate(text):
+        depth += {"(": 1, ")": -1}.get(character, 0)
+        if depth == 0 and position < len(text) - 1:
+            return text
+    return text[1:-1] if text.startswith("(") else text
+
+
+def _with_names(flat: FlatSystem, expressions: ca.SX) -> ca.SX:
+    """Put dotted names in the place of the symbols of a flat system."""
+    names = [variable.name for variable in flat.variables]
+    derivatives = [f"{'der(' * order}{names[i]}{')' * order}" for i, order in flat.derivatives]
+    new = [*names, *derivatives, *(q.name for q in flat.parameters)]
+    new += [f"dry_friction({place})" for place in flat.frictions.places]
+    old = ca.vertcat(flat.symbols, flat.derivative_symbols, flat.parameter_symbols, flat.frictions.force)
+    return ca.substitute(expressions, old, ca.vertcat(*(ca.SX.sym(name) for name in new)))

@@ -1,0 +1,291 @@
+"""From a study file to the objects that the work is done with, and the two jobs done on them.
+
+`open_study` checks everything that can be checked before the first fit and reports all findings at once;
+`identify_study` and `discover_study` are what the commands of the same names do.
+"""
+
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+
+import numpy as np
+
+from cartpend_dae.assemble import assemble
+from cartpend_dae.assess import inverse_dynamics
+from cartpend_dae.data import Experiment, load_experiment
+from cartpend_dae.discover import Discovery, FreeSpec, Setup, discover
+from cartpend_dae.discover.prove import set_values
+from cartpend_dae.discover.records import Regime
+from cartpend_dae.discover.search import STAGES
+from cartpend_dae.discover.workbench import Workbench
+from cartpend_dae.effects import Card, catalogue, places
+from cartpend_dae.errors import CartpendError, ModelError, SolverError, StudyError
+from cartpend_dae.identify import Fit
+from cartpend_dae.language import Component
+from cartpend_dae.problem import make_problem
+from cartpend_dae.study import FreeParameter, Study, load_model, load_study, parameter_in_si
+from cartpend_dae.system import Parameter, System
+
+Report = Callable[[str, str, float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """A study with all that it names: model, system, runs, and what `discover` may try (`places` None: all).
+
+    Parameters that the study fixes have their values in `model` and `system`; `free` and `fixed` are the
+    study's parameters in SI.
+    """
+
+    study: Study
+    model: Component
+    system: System
+    setup: Setup
+    fixed: tuple[Parameter, ...]
+    cards: tuple[Card, ...]
+    places: tuple[str, ...] | None
+    regime: Regime | None
+
+
+def open_study(path: Path | str, *, needs_runs: bool = True) -> Opened:
+    """Read a study, its model and its runs.
+
+    Parameters
+    ----------
+    path
+        The study file.
+    needs_runs
+        False accepts a study without runs.
+
+    Raises
+    ------
+    StudyError
+        With one line for each finding in the study or its data files.
+    ModelError, StructureError
+        If the model cannot be assembled.
+    """
+    study = load_study(path)
+    if needs_runs and not study.experiments:
+        raise StudyError(f"{study.path}: the study has no [[experiment]], so there is nothing to fit; add a run.")
+    model = load_model(study.model)
+    system = assembled(model, study.model.path)
+    free, fixed, findings = _parameters(study, system)
+    if fixed:
+        set_values(model, fixed)
+        system = assembled(model, study.model.path)
+    runs, wrong = _runs(study, system)
+    findings += wrong
+    cards, wrong = _cards(study)
+    findings += wrong
+    findings += _wrong_places(study, model) + _wrong_scores(study, system, runs)
+    if findings:
+        raise StudyError("\n".join(dict.fromkeys(findings)))
+    train, select, test = (tuple(run for run in runs if run.role == role) for role in ("train", "select", "test"))
+    regime = study.discover.regime
+    return Opened(
+        study=study,
+        model=model,
+        system=system,
+        setup=Setup(model, free, train, select, test, study.scores, study.identify.step),
+        fixed=tuple(q for q in system.parameters if q.name in fixed),
+        cards=cards,
+        places=study.discover.places,
+        regime=None if regime == "auto" else regime,
+    )
+
+
+def identify_study(study: Opened | Path | str, *, report: Report | None = None) -> Fit:
+    """Estimate the free parameters and start states of a study on its training runs.
+
+    The output injection decreases in stages, each fit from the last, down to the free simulation. Where a
+    training run is scored over a horizon or by its innovations, the first stage is the last.
+
+    Parameters
+    ----------
+    study
+        A study or the path of its file.
+    report
+        Called with (stage, what is fitted, residual in noise sds) after each fit.
+
+    Raises
+    ------
+    SolverError
+        If the estimation does not converge.
+    """
+    opened = study if isinstance(study, Opened) else open_study(study)
+    bench = Workbench(opened.setup, report or _silent)
+    is_free = all(run.score == "free" for run in opened.setup.train)
+    stages = tuple(share * bench.frequency for share in (STAGES if is_free else STAGES[:1]))
+    fit = bench.fit((), {}, stages, bench.problem(()).prior_sd)
+    if not fit.success:
+        raise SolverError(
+            f"The fit of {opened.system.name} did not converge ({fit.message} after {fit.iterations} iterations): "
+            f"check the guesses and bounds under `parameters` and the start values of the runs."
+        )
+    return fit
+
+
+def discover_study(study: Opened | Path | str, *, report: Report | None = None) -> Discovery:
+    """Find what the model of a study lacks, add it, refit, and measure the error before and after.
+
+    Parameters
+    ----------
+    study
+        A study or the path of its file.
+    report
+        Called with (stage, candidate, residual in noise sds) after each fit.
+    """
+    opened = study if isinstance(study, Opened) else open_study(study)
+    return discover(
+        opened.setup,
+        cards=opened.cards,
+        only_at=opened.places,
+        max_steps=opened.study.discover.max_steps,
+        regime=opened.regime,
+        report=report or _silent,
+    )
+
+
+def assembled(model: Component, path: Path) -> System:
+    """Assemble a model that the user wrote in the file `path`; an error of its Python code is a sentence.
+
+    Raises
+    ------
+    StudyError
+        If the equations of the model fail as Python code, with the line of the file.
+    """
+    try:
+        return assemble(model)
+    except CartpendError:
+        raise
+    except Exception as error:
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [frame.lineno for frame in frames if frame.filename == str(path)]
+        if not lines:
+            raise
+        raise StudyError(
+            f"{path}: line {lines[-1]}: the equations of `{type(model).__name__}` fail: "
+            f"{type(error).__name__}: {str(error).rstrip('.')}."
+        ) from error
+
+
+def _silent(stage: str, label: str, error: float) -> None:
+    return None
+
+
+def _parameters(study: Study, system: System) -> tuple[tuple[FreeSpec, ...], dict[str, float], list[str]]:
+    free: list[FreeSpec] = []
+    fixed: dict[str, float] = {}
+    findings: list[str] = []
+    for given in study.parameters:
+        try:
+            declared = system.parameters[system.parameter_index(given.name)]
+            entry = parameter_in_si(given, declared.declaration.unit)
+        except (ModelError, StudyError) as error:
+            findings.append(f'{study.path}: `parameters."{given.name}"`: {error}')
+            continue
+        if wrong := _outside(entry, declared):
+            findings.append(f'{study.path}: `parameters."{given.name}"` {wrong}')
+        elif not entry.fixed:
+            free.append(FreeSpec(entry.name, entry.guess, entry.min, entry.max))
+        elif entry.guess is not None:
+            fixed[entry.name] = entry.guess
+        elif declared.value is not None:
+            fixed[entry.name] = declared.value
+    return tuple(free), fixed, findings
+
+
+def _outside(entry: FreeParameter, declared: Parameter) -> str:
+    """Say how the numbers of a study contradict the bounds of the model; empty if they do not."""
+    d = declared.declaration
+    low = max(x for x in (d.min, entry.min, -np.inf) if x is not None)
+    high = min(x for x in (d.max, entry.max, np.inf) if x is not None)
+    guess = declared.value if entry.guess is None else entry.guess
+    if not low < high:
+        return f"leaves nothing between its bounds: [{low:g}, {high:g}] {d.unit} together with those of the model."
+    if guess is not None and not low <= guess <= high:
+        whose = "the value of the model" if entry.guess is None else "the guess"
+        return f"{whose} is {guess:g} {d.unit}, outside the bounds [{low:g}, {high:g}] of study and model; give a `guess` inside."
+    return ""
+
+
+def _runs(study: Study, system: System) -> tuple[list[Experiment], list[str]]:
+    """Load all runs, and check each against the model."""
+    units = {variable.name: variable.declaration.unit for variable in system.variables}
+    runs: list[Experiment] = []
+    findings: list[str] = []
+    for spec in study.experiments:
+        try:
+            run = load_experiment(spec, units)
+        except StudyError as error:
+            findings.append(str(error))
+            continue
+        try:
+            _ = make_problem(system, (), (run,), step=study.identify.step).starts
+        except ModelError as error:
+            findings.append(f"{study.path}: experiment `{spec.name}`: {error}")
+            continue
+        runs.append(run)
+    return runs, findings
+
+
+def _cards(study: Study) -> tuple[tuple[Card, ...], list[str]]:
+    cards = catalogue()
+    known = [card.id for card in cards]
+    findings = []
+    for key, names in (("include", study.discover.include or ()), ("exclude", study.discover.exclude)):
+        for name in (name for name in names if name not in known):
+            close = get_close_matches(name, known, n=1, cutoff=0.0)
+            listing = ", ".join(f"`{other}`" for other in known)
+            findings.append(
+                f"{study.path}: `discover.{key}`: there is no effect `{name}`; did you mean `{close[0]}`? "
+                f"The effects are: {listing}."
+            )
+    include = known if study.discover.include is None else study.discover.include
+    kept = tuple(card for card in cards if card.id in include and card.id not in study.discover.exclude)
+    if not kept and not findings:
+        findings.append(f"{study.path}: `discover`: `include` and `exclude` leave no effect to try.")
+    return kept, findings
+
+
+def _wrong_places(study: Study, model: Component) -> list[str]:
+    if study.discover.places is None:
+        return []
+    measured = tuple(dict.fromkeys(name for run in study.experiments if run.role == "train" for name in run.outputs))
+    known = [place.at for place in places(model, measured)]
+    listing = ", ".join(f"`{name}`" for name in known)
+    return [
+        f"{study.path}: `discover.places`: `{name}` is no place for an effect; the places are: {listing}."
+        for name in study.discover.places
+        if name not in known
+    ]
+
+
+def _wrong_scores(study: Study, system: System, runs: list[Experiment]) -> list[str]:
+    """Check the study's own scores, as far as possible on a training run only."""
+    findings = []
+    for score in study.scores:
+        at = f"{study.path}: score `{score.name}`:"
+        if score.input not in system.inputs:
+            listing = ", ".join(f"`{name}`" for name in system.inputs) or "none"
+            findings.append(f"{at} the model has no input `{score.input}`; its inputs are: {listing}.")
+        without = [run.name for run in runs if score.output not in run.outputs or score.input not in run.inputs]
+        if without:
+            listing = ", ".join(f"`{name}`" for name in without)
+            findings.append(
+                f"{at} `{score.output}` must be measured and `{score.input}` known in every run; not in {listing}."
+            )
+        slowest = min((1 / float(np.median(np.diff(run.time))) for run in runs), default=np.inf)
+        if score.cutoff >= slowest / 2:
+            findings.append(
+                f"{at} `cutoff` = {score.cutoff:g} Hz; expected less than half the sampling rate of {slowest:g} Hz."
+            )
+        train = [run for run in runs if run.role == "train"]
+        if train and not any(finding.startswith(at) for finding in findings):
+            try:
+                inverse_dynamics(system, train[0], score, {})
+            except ModelError as error:
+                findings.append(f"{at} {error}")
+    return findings
