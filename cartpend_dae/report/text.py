@@ -1,6 +1,7 @@
 """Sentences and numbers for people: a model in words, the verdict of a study, values with their uncertainty."""
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 
 import casadi as ca
@@ -217,12 +218,14 @@ def start_equations(flat: FlatSystem) -> tuple[str, ...]:
 def _equation(residual: ca.SX) -> str:
     if residual.op() == ca.OP_SUB:
         return f"{_bare(residual.dep(0))} = {_bare(residual.dep(1))}"
-    return f"0 = {_bare(residual)}"
+    return f"{residual} = 0" if residual.is_symbolic() else f"0 = {_bare(residual)}"
 
 
 def _bare(expression: ca.SX) -> str:
-    """Write an expression without the parentheses around all of it."""
+    """Write an expression without CasADi's shorthand ``@1=...`` and the parentheses around all of it."""
     text = str(expression)
+    while match := re.match(r"(@\d+)=(.*?), (?=[@(])", text):
+        text = re.sub(rf"{match[1]}\b", lambda _, body=match[2]: body, text[match.end() :])
     depth = 0
     for position, character in enumerate(text):
         depth += {"(": 1, ")": -1}.get(character, 0)
