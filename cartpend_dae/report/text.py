@@ -163,12 +163,23 @@ def identification_sentence(opened: Opened, errors: Assessment, gate: Gate) -> s
     )
 
 
+def alias_sentence(search: Search) -> tuple[str, ...]:
+    """Say what the data cannot tell from what was added; nothing if there is no such thing."""
+    return tuple(
+        f"These runs cannot tell `{step.candidate.insertion.prefix}` from: {', '.join(step.aliases)}."
+        for step in search.steps
+        if step.aliases
+    )
+
+
 def remarks(fit: Fit) -> tuple[str, ...]:
     """Return a sentence for each estimate that must not be trusted as it stands."""
     found = []
     for estimate in fit.parameters:
         if estimate.status == "unidentifiable":
-            found.append(f"The data do not determine `{estimate.name}`; fix it (`fixed = true`) or record another motion.")
+            found.append(
+                f"The data do not determine `{estimate.name}`; fix it (`fixed = true`) or record another motion."
+            )
         elif estimate.status == "at-bound":
             found.append(f"`{estimate.name}` ended on its bound, {with_unit(f'{estimate.value:.4g}', estimate.unit)}.")
     return tuple(found)

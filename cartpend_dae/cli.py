@@ -1,0 +1,273 @@
+"""The command line: check, simulate, identify, discover, demo. It only reads, calls, prints and writes."""
+
+import functools
+import math
+import os
+import sys
+import time
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from cartpend_dae.demo import make_demo
+from cartpend_dae.errors import CartpendError, StudyError
+from cartpend_dae.report import tables
+from cartpend_dae.report.files import check_folder, write_discovery, write_identification, write_simulation
+from cartpend_dae.report.result import identification_of, package_version
+from cartpend_dae.report.text import (
+    alias_sentence,
+    describe_model,
+    discovery_sentence,
+    identification_sentence,
+    remarks,
+)
+from cartpend_dae.session import Opened, Report, assembled, discover_study, identify_study, open_study
+from cartpend_dae.simulate import simulate as simulate_model
+from cartpend_dae.study import load_model, model_reference
+from cartpend_dae.system import System
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Compose a rig from components, calibrate it on measured runs, find the physical effect that it lacks.",
+)
+
+
+class Method(StrEnum):
+    """The integrators of `simulate`."""
+
+    adaptive = "adaptive"
+    cvodes = "cvodes"
+    idas = "idas"
+    erk = "erk"
+    rosenbrock = "rosenbrock"
+    rk4 = "rk4"
+
+
+Target = Annotated[str, typer.Argument(help="A study (FILE.toml) or a model (FILE.py or FILE.py:Class).")]
+StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (TOML).")]
+Out = Annotated[Path | None, typer.Option(help="Folder for the results; default: STUDY-results.")]
+
+
+def main() -> None:
+    """Run the command line; the entry point of the console script."""
+    app(prog_name="cartpend")
+
+
+def _spoken(command: Callable[..., None]) -> Callable[..., None]:
+    """Turn what goes wrong in a command into a sentence and an exit code."""
+
+    @functools.wraps(command)
+    def run(*arguments: object, **options: object) -> None:
+        try:
+            command(*arguments, **options)
+        except CartpendError as error:
+            _complain(str(error))
+            raise typer.Exit(error.exit_code) from None
+        except KeyboardInterrupt:
+            _complain("Interrupted; nothing was written.")
+            raise typer.Exit(130) from None
+        except (typer.Exit, typer.Abort):
+            raise
+        except Exception as error:
+            if os.environ.get("CARTPEND_DEBUG"):
+                raise
+            _complain(
+                f"This is a bug in cartpend_dae, not in your input: {type(error).__name__}: "
+                f"{' '.join(str(error).split())} (CARTPEND_DEBUG=1 shows the traceback; please report it.)"
+            )
+            raise typer.Exit(1) from None
+
+    return run
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        print(f"cartpend_dae {package_version()}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and stop.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+@_spoken
+def check(
+    target: Target,
+    flat: Annotated[bool, typer.Option("--flat", help="Show all lines of long lists.")] = False,
+) -> None:
+    """Show the equations of a model, what was eliminated and what is left; for a study its parameters and runs."""
+    console = _console()
+    system, opened = _opened(target)
+    console.print(describe_model(system, everything=flat), soft_wrap=True)
+    if opened is None:
+        return
+    console.print()
+    console.print(tables.parameter_table(opened))
+    console.print(tables.run_table(opened))
+
+
+@app.command()
+@_spoken
+def simulate(
+    target: Target,
+    stop: Annotated[float, typer.Option(help="End of the simulation [s].")] = 10.0,
+    points: Annotated[int, typer.Option(min=2, help="Number of output times; with rk4 every step is one.")] = 501,
+    set_: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A parameter [SI].")] = None,
+    start: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="A start value [SI].")] = None,
+    input_: Annotated[list[str] | None, typer.Option("--input", metavar="NAME=VALUE", help="An input [SI].")] = None,
+    method: Annotated[Method, typer.Option(help="The integrator.")] = Method.adaptive,
+    step: Annotated[float | None, typer.Option(help="Step of rk4 [s].")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder or file.csv; default: TARGET-simulation.")] = None,
+) -> None:
+    """Simulate a model (of a study: with its guesses), and write all variables as csv and a figure."""
+    target_path = Path(target.rpartition(":")[0] or target) if ".py:" in target else Path(target)
+    out = out or Path(f"{target_path.stem}-simulation")
+    if out.suffix != ".csv":
+        check_folder(out)
+    if not (math.isfinite(stop) and stop > 0):
+        raise StudyError(f"`--stop {stop:g}`: the end of the simulation must be a positive number of seconds.")
+    if (step is not None) != (method is Method.rk4):
+        raise StudyError("`--method rk4` and `--step` (in seconds) go together; the other methods choose their steps.")
+    system, opened = _opened(target)
+    guesses = {spec.name: spec.guess for spec in opened.setup.free if spec.guess is not None} if opened else {}
+    trajectory = simulate_model(
+        system,
+        stop,
+        points=points,
+        inputs=_assignments("--input", input_),
+        start=_assignments("--start", start),
+        parameters=guesses | _assignments("--set", set_),
+        method=method.value,
+        step=step,
+    )
+    written = write_simulation(out, system, trajectory)
+    console = _console()
+    console.print(tables.trajectory_table(system, trajectory))
+    console.print(f"Written: {', '.join(str(path) for path in written)}", soft_wrap=True)
+
+
+@app.command()
+@_spoken
+def identify(study: StudyFile, out: Out = None) -> None:
+    """Estimate the free parameters of a study, with their uncertainty, and the error on every run."""
+    out = out or Path(f"{study.stem}-results")
+    check_folder(out)
+    begin = time.monotonic()
+    opened = open_study(study)
+    found = identification_of(opened, identify_study(opened, report=_progress()))
+    write_identification(out, opened, found, time.monotonic() - begin)
+    console = _console()
+    console.print(tables.error_table(found.errors, None))
+    if found.errors.scores:
+        console.print(tables.score_table(found.errors, None))
+    console.print(tables.estimate_table(None, found.fit, opened))
+    for sentence in remarks(found.fit):
+        console.print(sentence)
+    console.print(identification_sentence(opened, found.errors, found.gate))
+    console.print(f"Written: {out}", soft_wrap=True)
+
+
+@app.command()
+@_spoken
+def discover(study: StudyFile, out: Out = None) -> None:
+    """Find which physical effect the model of a study lacks, add it, refit, and show the error before and after."""
+    _discover(study, out or Path(f"{study.stem}-results"))
+
+
+@app.command()
+@_spoken
+def demo(out: Annotated[Path, typer.Option(help="Folder for data and results.")] = Path("cartpend-demo")) -> None:
+    """Make the logs of a pendulum with a dry bearing, and find what its model lacks."""
+    check_folder(out)
+    study = make_demo(out)
+    console = _console()
+    console.print("A rod pendulum was let go three times. Its model knows viscous friction only: what is missing?")
+    console.print(f"Study, model and logs: {study.parent}", soft_wrap=True)
+    _discover(study, out / "results")
+
+
+def _discover(study: Path, out: Path) -> None:
+    check_folder(out)
+    begin = time.monotonic()
+    opened = open_study(study)
+    discovery = discover_study(opened, report=_progress())
+    write_discovery(out, opened, discovery, time.monotonic() - begin)
+    search = discovery.search
+    console = _console()
+    if search.candidates:
+        console.print(tables.candidate_table(search))
+    after = discovery.after if search.steps else None
+    console.print(tables.error_table(discovery.before, after))
+    if discovery.before.scores:
+        console.print(tables.score_table(discovery.before, after))
+    console.print(tables.estimate_table(search.baseline if search.steps else None, search.final, opened))
+    for sentence in (*remarks(search.final), *alias_sentence(search), discovery_sentence(discovery)):
+        console.print(sentence)
+    console.print(f"Written: {out}", soft_wrap=True)
+
+
+def _opened(target: str) -> tuple[System, Opened | None]:
+    """Assemble the model that a command names, by itself or in a study."""
+    if target.lower().endswith(".toml"):
+        opened = open_study(target, needs_runs=False)
+        return opened.system, opened
+    reference = model_reference(target)
+    if reference.path.suffix != ".py":
+        raise StudyError(f"{target}: expected a study (FILE.toml) or a model (FILE.py or FILE.py:Class).")
+    return assembled(load_model(reference), reference.path), None
+
+
+def _assignments(option: str, texts: list[str] | None) -> dict[str, float]:
+    """Read NAME=VALUE pairs of an option."""
+    found = {}
+    for text in texts or ():
+        name, _, value = (part.strip() for part in text.partition("="))
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not name or not math.isfinite(number):
+            raise StudyError(f"`{option} {text}`: expected NAME=VALUE with a number, such as `{option} bearing.d=0.1`.")
+        found[name] = number
+    return found
+
+
+def _console() -> Console:
+    """Return the console for results; a file or a pipe has lines long enough for the tables."""
+    return Console(markup=False, highlight=False, emoji=False, width=None if sys.stdout.isatty() else 130)
+
+
+def _complain(text: str) -> None:
+    Console(stderr=True, markup=False, highlight=False, emoji=False).print(text, soft_wrap=True)
+
+
+def _progress() -> Report | None:
+    """Return what prints a line for each fit to a terminal; None where there is no terminal."""
+    console = Console(stderr=True, markup=False, highlight=False, emoji=False)
+    if not console.is_terminal:
+        return None
+    begin = time.monotonic()
+
+    def report(stage: str, label: str, error: float) -> None:
+        elapsed = time.monotonic() - begin
+        line = f"{elapsed:6.1f} s  {stage:<20} residual {error:9.4g} x noise  {label}"
+        console.print(Text(line), no_wrap=True, overflow="ellipsis")
+
+    return report
+
+
+if __name__ == "__main__":
+    main()

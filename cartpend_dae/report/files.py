@@ -1,0 +1,187 @@
+"""The files of a run: written beside the place where they go, and moved there when all of them are complete."""
+
+import json
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from cartpend_dae import plots
+from cartpend_dae.assess import Assessment, RunError
+from cartpend_dae.data import Trajectory
+from cartpend_dae.discover import Discovery
+from cartpend_dae.discover.records import Search
+from cartpend_dae.errors import StudyError
+from cartpend_dae.identify import Fit
+from cartpend_dae.report.model_plus import model_plus_source
+from cartpend_dae.report.result import Identification, all_candidates, discovery_result, identification_result, plain
+from cartpend_dae.session import Opened
+from cartpend_dae.system import System
+
+TAKEN = ("parameters", "candidates", "residuals", "result", "model_plus")
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder that results cannot go to, before any work is done.
+
+    Raises
+    ------
+    StudyError
+        If a file stands in its place, or in that of a folder above it, or it must not be written to.
+    """
+    for place in (folder, *folder.absolute().parents):
+        if place.is_dir():
+            if not os.access(place, os.W_OK | os.X_OK):
+                raise StudyError(f"{place}: this folder must not be written to; choose another by `--out`.")
+            return
+        if os.path.lexists(place):
+            raise StudyError(
+                f"{place}: a file stands where the folder for results should be; choose another by `--out`."
+            )
+
+
+@contextmanager
+def complete(folder: Path) -> Iterator[Path]:
+    """Yield an empty folder; what is written there moves to `folder` if nothing fails, else it is removed.
+
+    Raises
+    ------
+    StudyError
+        If `folder` cannot be written to.
+    """
+    check_folder(folder)
+    folder = folder.absolute()
+    parent = folder if folder.is_dir() else folder.parent
+    partial = parent / f".{folder.name}.partial-{os.getpid()}"
+    try:
+        try:
+            partial.mkdir(parents=True)
+            yield partial
+            if folder.is_dir():
+                for path in sorted(partial.iterdir()):
+                    os.replace(path, folder / path.name)
+            else:
+                os.replace(partial, folder)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+    except OSError as error:
+        raise StudyError(f"{folder}: the results cannot be written: {error.strerror or error}.") from error
+
+
+def write_discovery(folder: Path, opened: Opened, discovery: Discovery, seconds: float) -> dict[str, Any]:
+    """Write all results of `discover` to a folder, and return what stands in `result.json`."""
+    search = discovery.search
+    result = discovery_result(opened, discovery, seconds)
+    with complete(folder) as partial:
+        _json(partial / "result.json", result)
+        (partial / "model_plus.py").write_text(model_plus_source(opened, discovery), "utf-8")
+        after = discovery.after if search.steps else None
+        _runs(partial, discovery.before, after)
+        _parameters(partial / "parameters.csv", opened, {"before": search.baseline, "after": search.final})
+        _candidates(partial / "candidates.csv", search)
+        if search.candidates:
+            _figure(partial / "candidates.png", plots.candidate_figure(search))
+    return result
+
+
+def write_identification(folder: Path, opened: Opened, found: Identification, seconds: float) -> dict[str, Any]:
+    """Write all results of `identify` to a folder, and return what stands in `result.json`."""
+    result = identification_result(opened, found, seconds)
+    with complete(folder) as partial:
+        _json(partial / "result.json", result)
+        _runs(partial, found.errors, None)
+        _parameters(partial / "parameters.csv", opened, {"fit": found.fit})
+    return result
+
+
+def write_simulation(out: Path, system: System, trajectory: Trajectory) -> tuple[Path, Path]:
+    """Write a simulation as csv and PNG: to the file `out`.csv and beside it, or to the folder `out`."""
+    folder, stem = (out.parent, out.stem) if out.suffix == ".csv" else (out, "simulation")
+    with complete(folder) as partial:
+        trajectory.to_csv(partial / f"{stem}.csv")
+        _figure(partial / f"{stem}.png", plots.trajectory_figure(system, trajectory))
+    return folder / f"{stem}.csv", folder / f"{stem}.png"
+
+
+def _json(path: Path, result: dict[str, Any]) -> None:
+    path.write_text(json.dumps(result, indent=2, allow_nan=False, ensure_ascii=False) + "\n", "utf-8")
+
+
+def _figure(path: Path, figure: Figure) -> None:
+    figure.savefig(path, dpi=plots.DPI)
+
+
+def _runs(folder: Path, before: Assessment, after: Assessment | None) -> None:
+    """Write series and figure of each run, and the overview of all."""
+    last = {run.name: run for run in after.runs} if after else {}
+    taken = set(TAKEN)
+    for run in before.runs:
+        stem = _file_name(run.name, taken)
+        run_table(run, last.get(run.name)).to_csv(folder / f"{stem}.csv", index=False)
+        _figure(folder / f"{stem}.png", plots.run_figure(run, last.get(run.name)))
+    _figure(folder / "residuals.png", plots.level_figure(before, after))
+
+
+def _file_name(run: str, taken: set[str]) -> str:
+    """Return a name for the files of a run that no other has, without characters that file systems refuse."""
+    stem = plain_stem = re.sub(r"[^\w.-]+", "_", run).strip(".") or "run"
+    count = 1
+    while stem.casefold() in taken:
+        count += 1
+        stem = f"{plain_stem}_{count}"
+    taken.add(stem.casefold())
+    return stem
+
+
+def run_table(before: RunError, after: RunError | None) -> pd.DataFrame:
+    """Return the series of a run in SI: time, and for each output what was measured, the model and residuals."""
+    columns = {"time": before.time}
+    for column, name in enumerate(before.outputs):
+        measured = before.measured[:, column]
+        columns[f"{name}.measured"] = measured
+        if after is None:
+            columns[f"{name}.model"] = before.predicted[:, column]
+            columns[f"{name}.residual"] = measured - before.predicted[:, column]
+            continue
+        for moment, run in (("before", before), ("after", after)):
+            columns[f"{name}.{moment}"] = run.predicted[:, column]
+            columns[f"{name}.residual_{moment}"] = measured - run.predicted[:, column]
+    return pd.DataFrame(columns)
+
+
+def _parameters(path: Path, opened: Opened, fits: dict[str, Fit]) -> None:
+    rows = [
+        {"moment": moment, "name": e.name, "value": e.value, "sd": e.sd, "unit": e.unit, "status": e.status}
+        for moment, fit in fits.items()
+        for e in (*fit.parameters, *fit.starts)
+    ]
+    rows += [
+        {"moment": moment, "name": q.name, "value": q.value, "sd": None, "unit": q.declaration.unit, "status": "fixed"}
+        for moment in fits
+        for q in opened.fixed
+    ]
+    columns = ["moment", "name", "value", "sd", "unit", "status"]
+    pd.DataFrame(plain(rows), columns=columns).to_csv(path, index=False)
+
+
+def _candidates(path: Path, search: Search) -> None:
+    rows = [
+        {
+            "effect": c.insertion.card.id,
+            "at": c.insertion.place.at,
+            "gain": c.gain if c.fit is not None else None,
+            "predicted": c.predicted,
+            "t": c.t if c.fit is not None else None,
+            "parameters": "; ".join(f"{name} = {value:.6g}" for name, value in c.parameters.items()),
+            "why_not": c.why_not,
+        }
+        for c in all_candidates(search)
+    ]
+    columns = ["effect", "at", "gain", "predicted", "t", "parameters", "why_not"]
+    pd.DataFrame(rows, columns=columns).to_csv(path, index=False)

@@ -1,0 +1,152 @@
+"""Graphs on integers against brute force."""
+
+from itertools import pairwise, permutations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cartpend_dae.graph import DisjointSets, blocks, matching, reachable
+
+
+@st.composite
+def incidences(draw, max_rows=6, max_columns=6):
+    shape = draw(st.integers(0, max_rows)), draw(st.integers(0, max_columns))
+    entries = [(i, j) for i in range(shape[0]) for j in range(shape[1])]
+    chosen = draw(st.lists(st.sampled_from(entries), unique=True)) if entries else []
+    return shape, chosen
+
+
+@st.composite
+def solvable(draw, max_size=7):
+    """Square incidences with a complete matching: a permutation, and entries beside it."""
+    n = draw(st.integers(1, max_size))
+    diagonal = list(enumerate(draw(st.permutations(range(n)))))
+    others = draw(st.lists(st.tuples(st.integers(0, n - 1), st.integers(0, n - 1)), max_size=3 * n))
+    return n, sorted(set(diagonal) | set(others))
+
+
+def split(entries):
+    return [i for i, _ in entries], [j for _, j in entries]
+
+
+def largest_matching(shape, entries):
+    """Try every assignment of columns to rows (Konig and Hopcroft-Karp play no part in it)."""
+    rows, columns = shape
+    present = set(entries)
+    padded = list(range(columns)) + [-1] * rows
+    return max(
+        (
+            sum((i, j) in present for i, j in enumerate(choice))
+            for choice in set(permutations(padded, rows))
+        ),
+        default=0,
+    )
+
+
+@given(incidences(4, 4))
+def test_no_matching_is_larger(incidence):
+    shape, entries = incidence
+    match = matching(*split(entries), shape)
+    assert match.shape == (shape[0],)
+    pairs = [(i, j) for i, j in enumerate(match.tolist()) if j >= 0]
+    assert set(pairs) <= set(entries)
+    assert len({j for _, j in pairs}) == len(pairs)
+    assert len(pairs) == largest_matching(shape, entries)
+
+
+@given(solvable())
+def test_a_complete_matching_is_found_where_one_exists(incidence):
+    n, entries = incidence
+    assert sorted(matching(*split(entries), (n, n)).tolist()) == list(range(n))
+
+
+def test_a_deficient_set_stays_unmatched():
+    """Hall: three equations in two unknowns leave one equation over and one unknown without."""
+    entries = [(0, 0), (0, 1), (1, 0), (2, 1), (3, 0), (3, 1), (3, 2)]
+    match = matching(*split(entries), (4, 4)).tolist()
+    assert match.count(-1) == 1
+    assert match[3] == 2
+    assert 3 not in match
+
+
+@given(solvable())
+def test_blocks_need_earlier_unknowns_only(incidence):
+    n, entries = incidence
+    rows, columns = split(entries)
+    match = matching(rows, columns, (n, n))
+    order = blocks(rows, columns, match)
+    assert sorted(i for block in order for i in block) == list(range(n))
+    known: set[int] = set()
+    for block in order:
+        assert block == sorted(block)
+        known |= {int(match[i]) for i in block}
+        assert {j for i, j in entries if i in block} <= known
+
+
+@given(solvable())
+def test_blocks_are_the_strong_components_so_none_can_be_split(incidence):
+    n, entries = incidence
+    rows, columns = split(entries)
+    match = matching(rows, columns, (n, n))
+    solver = {int(j): i for i, j in enumerate(match)}
+    path = np.eye(n, dtype=bool)
+    for i, j in entries:
+        path[i, solver[j]] = True
+    for k in range(n):  # Warshall's transitive closure
+        path |= np.outer(path[:, k], path[k])
+    mutual = path & path.T
+    expected = {frozenset(np.flatnonzero(mutual[i]).tolist()) for i in range(n)}
+    assert {frozenset(block) for block in blocks(rows, columns, match)} == expected
+
+
+def test_a_loop_of_three_between_a_source_and_a_sink_is_one_block():
+    entries = [(0, 0), (1, 0), (1, 1), (1, 2), (2, 2), (2, 3), (3, 3), (3, 1), (4, 4), (4, 3)]
+    rows, columns = split(entries)
+    assert blocks(rows, columns, np.arange(5)) == [[0], [1, 2, 3], [4]]
+
+
+def test_nothing_has_no_blocks():
+    assert blocks([], [], matching([], [], (0, 0))) == []
+
+
+@given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), max_size=20))
+def test_disjoint_sets_are_the_components_of_the_joined_pairs(pairs):
+    sets = DisjointSets()
+    groups = {item: {item} for pair in pairs for item in pair}
+    for first, second in pairs:
+        sets.join(first, second)
+        merged = groups[first] | groups[second]
+        groups.update(dict.fromkeys(merged, merged))
+    assert {frozenset(members) for members in sets.sets()} == {frozenset(g) for g in groups.values()}
+    for first, second in pairs:
+        assert sets.find(first) == sets.find(second)
+
+
+def test_disjoint_sets_keep_the_order_of_entry():
+    sets = DisjointSets()
+    for item in "cab":
+        sets.find(item)
+    sets.join("b", "c")
+    sets.join("b", "c")
+    assert sets.sets() == [["c", "b"], ["a"]]
+
+
+def test_a_chain_of_joins_needs_no_recursion():
+    sets = DisjointSets()
+    for pair in pairwise(range(20_000)):
+        sets.join(*pair)
+    assert [len(members) for members in sets.sets()] == [20_000]
+
+
+@given(st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), max_size=15), st.sets(st.integers(0, 6)))
+def test_reachable_is_the_least_closed_set(pairs, start):
+    edges: dict[int, list[int]] = {}
+    for source, target in pairs:
+        edges.setdefault(source, []).append(target)
+    found = reachable(start, edges)
+    assert start <= found
+    assert all(target in found for source, target in pairs if source in found)
+    # least: each node beyond the start has a predecessor that was found without it
+    for node in found - start:
+        assert node not in reachable(start, {s: [t for t in ts if t != node] for s, ts in edges.items()})

@@ -1,0 +1,138 @@
+"""The sources as text: imports go one way, stand at the top, and no file is too long to read in one sitting."""
+
+import ast
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parent.parent / "cartpend_dae"
+ROOT = PACKAGE.name
+MAX_LINES = 400
+
+LAYERS = """
+    errors units graph
+    quantities
+    language
+    library
+    system
+    flatten
+    alias
+    sort
+    assemble
+    dae
+    initialize
+    study_schema
+    tables
+    data
+    study
+    stepping events inputs
+    simulate
+    transcribe
+    programme
+    problem
+    shooting
+    identify
+    assess
+    effects
+    discover
+    session
+    report plots
+    cli
+    __main__
+"""
+"""Each line may import from the lines above it; modules on one line do not know each other."""
+
+HEAVY = {"fmpy", "h5py", "matplotlib", "pandas", "pyarrow"}
+"""Optional or slow to import: only these may be imported inside a function."""
+
+LAYER_OF = {module: level for level, line in enumerate(LAYERS.split("\n")) for module in line.split()}
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+
+@dataclass(frozen=True)
+class Import:
+    line: int
+    target: str
+    inside_function: bool
+
+    @property
+    def module(self) -> str:
+        """The module or folder of this package that is imported; empty for the package itself."""
+        return (self.target.split(".") + [""])[1]
+
+
+def own_layer(file: Path) -> str:
+    return file.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def imports_of(file: Path) -> list[Import]:
+    def walk(node: ast.AST, inside: bool) -> Iterator[Import]:
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.Import):
+                yield from (Import(child.lineno, alias.name, inside) for alias in child.names)
+            elif isinstance(child, ast.ImportFrom):
+                module = child.module or ""
+                names = [alias.name for alias in child.names] if module == ROOT else [""]
+                yield from (
+                    Import(child.lineno, f"{module}.{name}".rstrip("."), inside)
+                    if not child.level
+                    else Import(child.lineno, f"{ROOT}.{own_layer(file)}", inside)
+                    for name in names
+                )
+            elif not (isinstance(child, ast.If) and ast.unparse(child.test).endswith("TYPE_CHECKING")):
+                yield from walk(child, inside or isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef))
+
+    return list(walk(ast.parse(file.read_text(encoding="utf-8")), False))
+
+
+def place(file: Path, found: Import) -> str:
+    return f"{file.relative_to(PACKAGE.parent)}:{found.line} imports {found.target}"
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
+def test_imports_go_one_way(file):
+    layer = own_layer(file)
+    if layer in ("__init__", "demo"):
+        return  # the public names may import everything, and only a user's model may import them
+    assert layer in LAYER_OF, f"`{layer}` has no place in LAYERS: say what it may import"
+    wrong = [
+        place(file, found)
+        for found in imports_of(file)
+        if found.target.split(".")[0] == ROOT
+        and found.module != layer
+        and LAYER_OF.get(found.module, len(LAYERS)) >= LAYER_OF[layer]
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
+def test_imports_stand_at_the_top(file):
+    wrong = [
+        place(file, found)
+        for found in imports_of(file)
+        if found.inside_function and found.target.split(".")[0] not in HEAVY
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_no_file_is_too_long_to_read():
+    lengths = {
+        str(file.relative_to(PACKAGE)): len(file.read_text(encoding="utf-8").splitlines()) for file in FILES
+    }
+    assert {name: n for name, n in lengths.items() if n > MAX_LINES} == {}
+
+
+def test_files_inside_a_folder_do_not_import_in_a_circle():
+    """Folders are one layer, but inside them too a reader must be able to start somewhere."""
+    graph: dict[str, set[str]] = {}
+    for file in FILES:
+        parts = file.relative_to(PACKAGE).with_suffix("").parts
+        if len(parts) > 1 and parts[-1] != "__init__":
+            targets = {found.target.removeprefix(f"{ROOT}.") for found in imports_of(file)}
+            graph[".".join(parts)] = targets - {parts[0]}
+    left = set(graph)
+    while free := {name for name in left if not graph[name] & left}:
+        left -= free
+    assert not left, f"imported in a circle: {sorted(left)}"
