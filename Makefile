@@ -11,7 +11,7 @@ demo: $(STAMP)
 	@$(BIN)/cartpend demo --out build/demo
 
 test: $(STAMP)
-	@$(BIN)/pytest -n 2 -q -rs $(PYTEST_ARGS)
+	@$(BIN)/pytest -n 2 --dist loadgroup -q -rs $(PYTEST_ARGS)
 
 lint: $(STAMP)
 	$(BIN)/ruff format --check .

@@ -17,6 +17,8 @@ from cartpend_dae.system import AliasedSystem, Coefficient, FlatSystem, Friction
 
 _ONE, _ZERO = Fraction(1), Fraction(0)
 _CONSTANT = -1
+# rank of variables whose derivative the model names: they become states, and keep their names
+_DIFFERENTIATED = -1
 
 
 @dataclass(slots=True)
@@ -211,10 +213,19 @@ def _number(flat: FlatSystem, value: Coefficient) -> float:
 def _ranks(flat: FlatSystem) -> list[tuple[int, int, int]]:
     """Return how gladly each variable is kept as the base of its chain: smaller is gladder."""
     kinds = {"input": 0, "variable": 1, "output": 2, "potential": 3, "flow": 4}
-    external = set(flat.inputs)
+    external, differentiated = set(flat.inputs), {i for i, _ in flat.derivatives}
     return [
-        (-1 if i in external else max(1, kinds[v.kind]), v.name.count("."), i) for i, v in enumerate(flat.variables)
+        (
+            -2 if i in external else _DIFFERENTIATED if i in differentiated else max(1, kinds[v.kind]),
+            v.name.count("."),
+            i,
+        )
+        for i, v in enumerate(flat.variables)
     ]
+
+
+def _is_differentiated(rank: list[tuple[int, int, int]], variable: int) -> bool:
+    return rank[variable][0] == _DIFFERENTIATED
 
 
 def _join(row: _Row, chains: _Chains, rank: list[tuple[int, int, int]], inputs: set[int]) -> int | None:
@@ -228,12 +239,6 @@ def _join(row: _Row, chains: _Chains, rank: list[tuple[int, int, int]], inputs: 
     if len(items) == 2 and items[0][0][0] == items[1][0][0]:
         return None
     if not candidates:
-        candidates = [
-            (position, variable)
-            for position, ((variable, order), _) in enumerate(items)
-            if order == 0 and variable not in inputs and len(items) == 2
-        ]
-    if not candidates:
         return None
     position, variable = max(candidates, key=lambda candidate: rank[candidate[1]])
     coefficient = items[position][1]
@@ -243,6 +248,11 @@ def _join(row: _Row, chains: _Chains, rank: list[tuple[int, int, int]], inputs: 
         return variable
     (other, order), other_coefficient = items[1 - position]
     factor = _divide(_times(Fraction(-1), other_coefficient), coefficient)
+    if not isinstance(factor, Fraction) and (
+        order > 0 or _is_differentiated(rank, variable) > _is_differentiated(rank, other)
+    ):
+        # f = -m der(v) and i = (V - u)/R are laws, not other names: a state must not become a multiple of a flow
+        return None
     chains.relations[variable] = Relation(other, order, factor, offset)
     return variable
 

@@ -182,7 +182,7 @@ def inverse_dynamics(system: System, experiment: Experiment, score: ScoreSpec, m
     targets = injection_targets(system, (index,))
     if score.input not in system.inputs or not targets or targets[0][2] is None or system.x.numel() != 2:
         raise ModelError(
-            f"The score `{score.name}` needs a model whose only states are the position `{score.output}` and its speed, "
+            f"The score `{score.name}` needs a model whose only states are `{score.output}` and its speed, "
             f"driven by `{score.input}`; {system.name} has the states {', '.join(system.states)}."
         )
     _, position, rate, _ = targets[0]

@@ -3,11 +3,14 @@
 import functools
 import math
 import os
+import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
+from types import FrameType
 from typing import Annotated
 
 import typer
@@ -156,7 +159,7 @@ def simulate(
     written = write_simulation(out, system, trajectory)
     console = _console()
     console.print(tables.trajectory_table(system, trajectory))
-    console.print(f"Written: {', '.join(str(path) for path in written)}", soft_wrap=True)
+    _say(console, f"Written: {', '.join(str(path) for path in written)}")
 
 
 @app.command()
@@ -167,17 +170,20 @@ def identify(study: StudyFile, out: Out = None) -> None:
     check_folder(out)
     begin = time.monotonic()
     opened = open_study(study)
-    found = identification_of(opened, identify_study(opened, report=_progress()))
-    write_identification(out, opened, found, time.monotonic() - begin)
+    with _watched() as report:
+        found = identification_of(opened, identify_study(opened, report=report))
+        write_identification(out, opened, found, time.monotonic() - begin)
     console = _console()
     console.print(tables.error_table(found.errors, None))
     if found.errors.scores:
         console.print(tables.score_table(found.errors, None))
     console.print(tables.estimate_table(None, found.fit, opened))
-    for sentence in remarks(found.fit):
-        console.print(sentence)
-    console.print(identification_sentence(opened, found.errors, found.gate))
-    console.print(f"Written: {out}", soft_wrap=True)
+    _say(
+        console,
+        *remarks(found.fit),
+        identification_sentence(opened, found.fit, found.errors, found.gate),
+        f"Written: {out}",
+    )
 
 
 @app.command()
@@ -193,9 +199,8 @@ def demo(out: Annotated[Path, typer.Option(help="Folder for data and results.")]
     """Make the logs of a pendulum with a dry bearing, and find what its model lacks."""
     check_folder(out)
     study = make_demo(out)
-    console = _console()
-    console.print("A rod pendulum was let go three times. Its model knows viscous friction only: what is missing?")
-    console.print(f"Study, model and logs: {study.parent}", soft_wrap=True)
+    story = "A rod pendulum was let go three times. Its model knows viscous friction only: what is missing?"
+    _say(_console(), story, f"Study, model and logs: {study.parent}")
     _discover(study, out / "results")
 
 
@@ -203,8 +208,9 @@ def _discover(study: Path, out: Path) -> None:
     check_folder(out)
     begin = time.monotonic()
     opened = open_study(study)
-    discovery = discover_study(opened, report=_progress())
-    write_discovery(out, opened, discovery, time.monotonic() - begin)
+    with _watched() as report:
+        discovery = discover_study(opened, report=report)
+        write_discovery(out, opened, discovery, time.monotonic() - begin)
     search = discovery.search
     console = _console()
     if search.candidates:
@@ -214,9 +220,7 @@ def _discover(study: Path, out: Path) -> None:
     if discovery.before.scores:
         console.print(tables.score_table(discovery.before, after))
     console.print(tables.estimate_table(search.baseline if search.steps else None, search.final, opened))
-    for sentence in (*remarks(search.final), *alias_sentence(search), discovery_sentence(discovery)):
-        console.print(sentence)
-    console.print(f"Written: {out}", soft_wrap=True)
+    _say(console, *remarks(search.final), *alias_sentence(search), discovery_sentence(discovery), f"Written: {out}")
 
 
 def _opened(target: str) -> tuple[System, Opened | None]:
@@ -250,23 +254,47 @@ def _console() -> Console:
     return Console(markup=False, highlight=False, emoji=False, width=None if sys.stdout.isatty() else 130)
 
 
+def _say(console: Console, *sentences: str) -> None:
+    """Print sentences, each in one line where no terminal wraps it."""
+    console.print()
+    for sentence in sentences:
+        console.print(sentence, soft_wrap=not console.is_terminal)
+
+
 def _complain(text: str) -> None:
     Console(stderr=True, markup=False, highlight=False, emoji=False).print(text, soft_wrap=True)
 
 
-def _progress() -> Report | None:
-    """Return what prints a line for each fit to a terminal; None where there is no terminal."""
+@contextmanager
+def _watched() -> Iterator[Report]:
+    """Yield what prints a line for each fit to a terminal, and nothing elsewhere.
+
+    The solver would take Ctrl-C for the end of one fit and hand on a point that is no optimum. So the fit
+    under way is let through, and the interrupt raised after it; a second Ctrl-C acts at once.
+    """
     console = Console(stderr=True, markup=False, highlight=False, emoji=False)
-    if not console.is_terminal:
-        return None
     begin = time.monotonic()
+    asked: list[int] = []
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        asked.append(number)
+        signal.signal(signal.SIGINT, before)
+        console.print("Stopping after the fit under way; Ctrl-C again stops at once.")
 
     def report(stage: str, label: str, error: float) -> None:
-        elapsed = time.monotonic() - begin
-        line = f"{elapsed:6.1f} s  {stage:<20} residual {error:9.4g} x noise  {label}"
-        console.print(Text(line), no_wrap=True, overflow="ellipsis")
+        if console.is_terminal:
+            elapsed = time.monotonic() - begin
+            line = f"{elapsed:6.1f} s  {stage:<20} residual {error:9.4g} x noise  {label}"
+            console.print(Text(line), no_wrap=True, overflow="ellipsis")
+        if asked:
+            asked.clear()
+            raise KeyboardInterrupt
 
-    return report
+    before = signal.signal(signal.SIGINT, ask)
+    try:
+        yield report
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 if __name__ == "__main__":

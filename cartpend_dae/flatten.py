@@ -140,7 +140,7 @@ def _statements(component: Component, where: str) -> Iterator[Statement]:
     statements = component.equations()
     if statements is None:
         raise ModelError(
-            f"`equations` of `{where}` ({type(component).__name__}) returns nothing: write `yield` before each equation."
+            f"`equations` of `{where}` ({type(component).__name__}) returns nothing: `yield` each equation."
         )
     yield from statements
 
@@ -167,7 +167,7 @@ def _join(tables: _Tables, path: str, component: Component | None, connection: C
             if id(end.owner) not in tables.path_of:
                 raise ModelError(
                     f"`connect` in `{where}` names a port `{end.name}` of a "
-                    f"{type(end.owner).__name__} that is not part of the model: store it in an attribute in `__post_init__`."
+                    f"{type(end.owner).__name__} that is no part of the model: store it in an attribute in `__post_init__`."
                 )
             side = "outside" if end.owner is component else "inside"
             keys.append((tables.path_of[id(end.owner)], end.name, side))

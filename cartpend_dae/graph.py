@@ -8,7 +8,11 @@ from graphlib import TopologicalSorter
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
+from scipy.sparse.csgraph import (
+    connected_components,
+    maximum_bipartite_matching,
+    min_weight_full_bipartite_matching,
+)
 
 
 class DisjointSets:
@@ -125,3 +129,58 @@ def reachable(start: Iterable[int], edges: dict[int, Iterable[int]]) -> set[int]
                 found.add(node)
                 open_nodes.append(node)
     return found
+
+
+def structural_offsets(
+    rows: Sequence[int], columns: Sequence[int], orders: Sequence[int], least: Sequence[int], n_rows: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return how often each equation must be differentiated, and the highest order of each variable.
+
+    Pryce's method: the transversal with the largest sum of orders is a linear assignment, and the smallest
+    offsets that fit it follow by iteration. It gives the same counts as Pantelides' algorithm and rests on
+    a sparse assignment solver that scipy keeps.
+
+    Parameters
+    ----------
+    rows, columns, orders
+        The highest derivative of each variable (column) in each equation (row), one entry a pair.
+    least
+        Order that is wanted of each variable at least, shape (n,).
+    n_rows
+        Number of equations, equal to the number of variables n.
+
+    Returns
+    -------
+    tuple
+        Times of differentiation c (n,), highest orders d (n,), and the matched variable of each equation (n,).
+
+    Raises
+    ------
+    ValueError
+        If no transversal exists (structurally singular).
+
+    References
+    ----------
+    J. D. Pryce, "A simple structural analysis method for DAEs", BIT 41 (2001), 364-394,
+    doi:10.1023/A:1021998624799.
+    R. Jonker, A. Volgenant, Computing 38 (1987), 325-340 (the assignment inside scipy).
+    """
+    row, column, order = (np.asarray(part, dtype=int) for part in (rows, columns, orders))
+    d = np.asarray(least, dtype=int).copy()
+    c = np.zeros(n_rows, dtype=int)
+    if n_rows == 0:
+        return c, d, np.zeros(0, dtype=int)
+    # a stored zero would be no edge: costs start at 1
+    cost = csr_array(((order.max(initial=0) - order + 1).astype(float), (row, column)), shape=(n_rows, n_rows))
+    matched_rows, matched_columns = min_weight_full_bipartite_matching(cost)
+    match = np.empty(n_rows, dtype=int)
+    match[matched_rows] = matched_columns
+    own = np.full(n_rows, -1)
+    hit = match[row] == column
+    own[row[hit]] = order[hit]
+    while True:
+        np.maximum.at(d, column, order + c[row])
+        new = d[match] - own
+        if np.array_equal(new, c):
+            return c, d, match
+        c = new

@@ -27,7 +27,7 @@ class _Conditions:
 
 
 def initialize(system: System, p: np.ndarray, u: np.ndarray, start: dict[str, float], time: float = 0.0) -> Start:
-    """Find start values that satisfy, in this order: algebraic equations, `start`, fixed initial equations, guesses, zero.
+    """Find start values that satisfy, in this order: equations, `start`, fixed initial equations, guesses, zero.
 
     A lower condition is used only where the higher ones leave freedom.
 
@@ -83,7 +83,9 @@ def initialize(system: System, p: np.ndarray, u: np.ndarray, start: dict[str, fl
 
 
 def _conditions(system: System, start: dict[str, float]) -> _Conditions:
-    residuals, priority, names = [system.alg], [0] * system.z.numel(), list(system.algebraics)
+    residuals = [system.alg, system.invariants]
+    priority = [0] * (system.z.numel() + system.invariants.numel())
+    names = [*system.algebraics, *system.invariant_origins]
     for name, value in start.items():
         residuals.append(system.outputs[system.index_of(name)] - value)
         priority.append(1)

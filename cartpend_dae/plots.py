@@ -46,7 +46,7 @@ def run_figure(before: RunError, after: RunError | None = None) -> Figure:
     figure = Figure(figsize=(max(8.5, 5.6 * n), 4.2 + 1.5 * len(models)), layout="constrained")
     axes = figure.subplots(1 + len(models), n, sharex=True, squeeze=False, height_ratios=[3.0] + [1.2] * len(models))
     for column, name in enumerate(before.outputs):
-        _draw_output(axes[:, column], column, name, models)
+        _draw_output(list(axes[:, column]), column, name, models)
     figure.align_ylabels(axes)
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")

@@ -16,8 +16,10 @@ from cartpend_dae.assemble import assemble
 from cartpend_dae.assess import inverse_dynamics
 from cartpend_dae.data import Experiment, load_experiment
 from cartpend_dae.discover import Discovery, FreeSpec, Setup, discover
+from cartpend_dae.discover.evidence import with_robust_sd
 from cartpend_dae.discover.prove import set_values
 from cartpend_dae.discover.records import Regime
+from cartpend_dae.discover.regime import best_bandwidth
 from cartpend_dae.discover.search import STAGES
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, catalogue, places
@@ -100,7 +102,8 @@ def identify_study(study: Opened | Path | str, *, report: Report | None = None) 
     """Estimate the free parameters and start states of a study on its training runs.
 
     The output injection decreases in stages, each fit from the last, down to the free simulation. Where a
-    training run is scored over a horizon or by its innovations, the first stage is the last.
+    training run is scored over a horizon or by its innovations, the bandwidth of the best predictions is
+    used instead, and standard deviations are those of the block jackknife.
 
     Parameters
     ----------
@@ -117,8 +120,11 @@ def identify_study(study: Opened | Path | str, *, report: Report | None = None) 
     opened = study if isinstance(study, Opened) else open_study(study)
     bench = Workbench(opened.setup, report or _silent)
     is_free = all(run.score == "free" for run in opened.setup.train)
-    stages = tuple(share * bench.frequency for share in (STAGES if is_free else STAGES[:1]))
-    fit = bench.fit((), {}, stages, bench.problem(()).prior_sd)
+    sd = bench.problem(()).prior_sd
+    stages = tuple(share * bench.frequency for share in STAGES) if is_free else (best_bandwidth(bench, sd),)
+    fit = bench.fit((), {}, stages, sd)
+    if not is_free:
+        fit = with_robust_sd(fit, bench.solved((), fit, sd))
     if not fit.success:
         raise SolverError(
             f"The fit of {opened.system.name} did not converge ({fit.message} after {fit.iterations} iterations): "
@@ -207,7 +213,8 @@ def _outside(entry: FreeParameter, declared: Parameter) -> str:
         return f"leaves nothing between its bounds: [{low:g}, {high:g}] {d.unit} together with those of the model."
     if guess is not None and not low <= guess <= high:
         whose = "the value of the model" if entry.guess is None else "the guess"
-        return f"{whose} is {guess:g} {d.unit}, outside the bounds [{low:g}, {high:g}] of study and model; give a `guess` inside."
+        bounds = f"[{low:g}, {high:g}] of study and model"
+        return f"{whose} is {guess:g} {d.unit}, outside the bounds {bounds}; give a `guess` inside."
     return ""
 
 

@@ -1,6 +1,6 @@
-"""AliasedSystem -> System: which equation gives which unknown, in which order, and the solution itself.
+"""IndexedSystem -> System: which equation gives which unknown, in which order, and the solution itself.
 
-The highest derivative of each chain is unknown, the lower ones are states. Blocks that are linear in
+Blocks that are linear in
 their unknowns are solved here, symbolically; the others remain as algebraic equations.
 """
 
@@ -18,33 +18,36 @@ from cartpend_dae.system import (
     Block,
     Coefficient,
     Frictions,
+    IndexedSystem,
     Initials,
     Relation,
     StateRelation,
     System,
 )
 
+# decay of a violated constraint [1/s]: fast against the drift of any tolerance, slow against the motion
+RATE = 20.0
 
-def sort(aliased: AliasedSystem) -> System:
+
+def sort(indexed: IndexedSystem) -> System:
     """Make an explicit ordinary, or a semi-explicit differential-algebraic, system of index one.
 
     Parameters
     ----------
-    aliased
-        The system without trivial equations.
+    indexed
+        The system with the derivatives of its constraints.
 
     Raises
     ------
     StructureError
         If no assignment of equations to unknowns exists; equations and unknowns are named.
     """
-    top = _highest_orders(aliased)
+    aliased = indexed.aliased
     names = _names(aliased)
     table = dict(zip(aliased.keys, ca.vertsplit(aliased.symbols), strict=True)) if aliased.keys else {}
-    unknown_keys = [(base, order) for base, order in top.items() if base not in aliased.flat.inputs]
-    state_keys = [(base, lower) for base, order in unknown_keys for lower in range(order)]
-    unknowns = _stack([table[key] for key in unknown_keys])
-    labels = [names[key] for key in unknown_keys]
+    state_keys = indexed.states
+    unknowns = _stack([table[key] for key in indexed.unknowns])
+    labels = [names[key] for key in indexed.unknowns]
     solved, made, nonlinear = _solve_blocks(aliased, unknowns, labels)
     ode = [table[base, lower + 1] for base, lower in state_keys]
     outputs = [_value(relation, table) for relation in aliased.relations]
@@ -57,10 +60,11 @@ def sort(aliased: AliasedSystem) -> System:
         friction.level_pos,
         friction.level_neg,
         aliased.initials.residual,
+        indexed.invariants,
     ]
-    ode_x, alg, out, speed, pos, neg, initials = _back_substitute(solved, groups)
-    done, parameters = _without_dependent_parameters(aliased, [ode_x, alg, out, speed, pos, neg, initials])
-    ode_x, alg, out, speed, pos, neg, initials = done
+    done, parameters = _without_dependent_parameters(aliased, _back_substitute(solved, groups))
+    ode_x, alg, out, speed, pos, neg, initials, invariants = done
+    x = _stack([table[key] for key in state_keys])
     states = tuple(names[key] for key in state_keys)
     input_names = tuple(aliased.flat.variables[i].name for i in aliased.flat.inputs)
     inputs = _stack([table.get((i, 0), ca.SX.sym(aliased.flat.variables[i].name)) for i in aliased.flat.inputs])
@@ -70,8 +74,8 @@ def sort(aliased: AliasedSystem) -> System:
         flat=aliased.flat,
         time=aliased.flat.time,
         states=states,
-        x=_stack([table[key] for key in state_keys]),
-        ode=ode_x,
+        x=x,
+        ode=_drawn_back(ode_x, invariants, x),
         algebraics=tuple(labels[j] for _, j in nonlinear),
         z=_stack([unknowns[j] for _, j in nonlinear]),
         alg=alg,
@@ -85,6 +89,9 @@ def sort(aliased: AliasedSystem) -> System:
         state_relations=state_relations,
         initials=Initials(initials, aliased.initials.fixed, aliased.initials.origins),
         blocks=made,
+        invariants=invariants,
+        invariant_origins=indexed.invariant_origins,
+        differentiated=indexed.differentiated,
         eliminated=_eliminated(aliased),
         redundant=aliased.redundant,
         remaining=_readable(aliased, names),
@@ -95,19 +102,16 @@ def _stack(items: list[ca.SX]) -> ca.SX:
     return ca.vertcat(*items) if items else ca.SX(0, 1)
 
 
-def _highest_orders(aliased: AliasedSystem) -> dict[int, int]:
-    """Return the highest derivative of each chain, and refuse what needs index reduction."""
-    flat = aliased.flat
-    top: dict[int, int] = {}
-    for base, order in aliased.keys:
-        top[base] = max(order, top.get(base, 0))
-    for base in flat.inputs:
-        if top.get(base, 0) > 0:
-            raise StructureError(
-                f"{flat.name} needs the derivative of its input `{flat.variables[base].name}`: a motion is prescribed "
-                f"without its speed. Drive it by a force or through a spring, or supply the input's derivative as well."
-            )
-    return top
+def _drawn_back(ode: ca.SX, invariants: ca.SX, x: ca.SX) -> ca.SX:
+    """Add to the state equations what draws the solution back to its invariants, zero where they hold.
+
+    With H the slopes of the invariants h, x' = f - RATE H'(H H')^-1 h lets h decay with RATE while f itself
+    keeps it: the errors of integration no longer pile up (Ascher, Chin, Reich 1994, doi:10.1007/s002110050020).
+    """
+    if not invariants.numel():
+        return ode
+    slopes = ca.densify(ca.jacobian(invariants, x))
+    return ode - RATE * slopes.T @ ca.solve(slopes @ slopes.T, invariants)
 
 
 def _names(aliased: AliasedSystem) -> dict[tuple[int, int], str]:
@@ -149,7 +153,8 @@ def _solve_blocks(
         own = [int(match[i]) for i in equations]
         block_names = tuple(labels[j] for j in own)
         origins = tuple(aliased.origins[i] for i in equations)
-        if any(j in varying[i] for i in equations for j in own):
+        inside = set(own)
+        if any(column in inside and other in inside for i in equations for column, other in varying[i]):
             nonlinear += zip(equations, own, strict=True)
             made.append(Block(block_names, origins, "nonlinear"))
             continue
@@ -177,15 +182,15 @@ def _check_matching(aliased: AliasedSystem, labels: list[str], match: np.ndarray
     )
 
 
-def _varying_entries(jacobian: ca.SX, unknowns: ca.SX) -> dict[int, set[int]]:
-    """Return for each equation the unknowns whose coefficient itself depends on an unknown."""
-    found: dict[int, set[int]] = defaultdict(set)
+def _varying_entries(jacobian: ca.SX, unknowns: ca.SX) -> dict[int, set[tuple[int, int]]]:
+    """Return for each equation the pairs (a, b) of unknowns where the coefficient of a depends on b."""
+    found: dict[int, set[tuple[int, int]]] = defaultdict(set)
     if not jacobian.nnz():
         return found
     rows, columns = jacobian.sparsity().get_triplet()
     entries, of = ca.jacobian_sparsity(nonzeros(jacobian), unknowns).get_triplet()
     for entry, other in zip(entries, of, strict=True):
-        found[rows[entry]] |= {columns[entry], other}
+        found[rows[entry]].add((columns[entry], other))
     return found
 
 

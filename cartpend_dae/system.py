@@ -108,6 +108,22 @@ class AliasedSystem:
 
 
 @dataclass(frozen=True, slots=True)
+class IndexedSystem:
+    """A system of index one: `aliased` with the derivatives of constraints among its equations.
+
+    `unknowns` are what the equations give, `states` what is integrated, both as (base, order).
+    `invariants` (n, 1) are constraints that the states keep, held by drawing the solution back.
+    """
+
+    aliased: AliasedSystem
+    unknowns: tuple[tuple[int, int], ...]
+    states: tuple[tuple[int, int], ...]
+    invariants: ca.SX
+    invariant_origins: tuple[str, ...]
+    differentiated: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Block:
     """Equations solved together, the unknowns they give, and how."""
 
@@ -129,7 +145,8 @@ class StateRelation:
 class System:
     """A well-posed model: x' = ode(t, x, z, u, p, friction), 0 = alg(...), every variable in `outputs`.
 
-    All expressions are CasADi SX in `time`, `x`, `z`, `u`, `p` and `frictions.force`.
+    All expressions are CasADi SX in `time`, `x`, `z`, `u`, `p` and `frictions.force`. `invariants` are
+    constraints between the states that a start must meet and that `ode` keeps.
     """
 
     name: str
@@ -151,6 +168,9 @@ class System:
     state_relations: dict[str, StateRelation]
     initials: Initials
     blocks: tuple[Block, ...]
+    invariants: ca.SX
+    invariant_origins: tuple[str, ...]
+    differentiated: tuple[str, ...]
     eliminated: tuple[str, ...]
     redundant: tuple[str, ...]
     remaining: tuple[str, ...]

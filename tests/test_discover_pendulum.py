@@ -8,6 +8,9 @@ from cartpend_dae.data import Channel, Experiment, Start
 from cartpend_dae.discover import FreeSpec, Setup, discover
 from models.rota_damp import RotaDamp
 
+# one worker of pytest-xdist, because the 20 discoveries are shared by three tests
+pytestmark = pytest.mark.xdist_group("pendulum")
+
 SEEDS = range(20)
 NOISE = 1e-3
 RELEASE, VISCOUS, COULOMB, DURATION = 0.6, 0.015, 0.012, 6.0

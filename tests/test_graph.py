@@ -1,12 +1,13 @@
 """Graphs on integers against brute force."""
 
+from collections.abc import Iterable
 from itertools import pairwise, permutations
 
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cartpend_dae.graph import DisjointSets, blocks, matching, reachable
+from cartpend_dae.graph import DisjointSets, blocks, matching, reachable, structural_offsets
 
 
 @st.composite
@@ -36,10 +37,7 @@ def largest_matching(shape, entries):
     present = set(entries)
     padded = list(range(columns)) + [-1] * rows
     return max(
-        (
-            sum((i, j) in present for i, j in enumerate(choice))
-            for choice in set(permutations(padded, rows))
-        ),
+        (sum((i, j) in present for i, j in enumerate(choice)) for choice in set(permutations(padded, rows))),
         default=0,
     )
 
@@ -123,6 +121,31 @@ def test_disjoint_sets_are_the_components_of_the_joined_pairs(pairs):
         assert sets.find(first) == sets.find(second)
 
 
+def test_the_pendulum_of_the_paper_has_the_offsets_of_the_paper():
+    """Pryce 2001, section 2: x'' + x l = 0, y'' + y l = g, x^2 + y^2 = L^2 give c = (0, 0, 2), d = (2, 2, 0)."""
+    entries = {(0, 0): 2, (0, 2): 0, (1, 1): 2, (1, 2): 0, (2, 0): 0, (2, 1): 0}
+    c, d, match = structural_offsets(*split(entries), list(entries.values()), [0, 0, 0], 3)
+    assert c.tolist() == [0, 0, 2]
+    assert d.tolist() == [2, 2, 0]
+    assert all(d[j] - c[i] == entries[i, int(j)] for i, j in enumerate(match))
+
+
+@given(solvable(5), st.randoms(use_true_random=False))
+def test_offsets_are_dual_to_the_heaviest_transversal(incidence, random):
+    """d_j - c_i >= order everywhere, and sum d - sum c is the largest sum of orders of all transversals."""
+    n, entries = incidence
+    orders = {entry: random.randint(0, 3) for entry in entries}
+    c, d, match = structural_offsets(*split(entries), list(orders.values()), [0] * n, n)
+    assert min(c) >= 0
+    assert all(d[j] - c[i] >= order for (i, j), order in orders.items())
+    heaviest = max(
+        sum(orders[i, j] for i, j in enumerate(choice))
+        for choice in permutations(range(n))
+        if all((i, j) in orders for i, j in enumerate(choice))
+    )
+    assert sum(d) - sum(c) == heaviest == sum(orders[i, int(j)] for i, j in enumerate(match))
+
+
 def test_disjoint_sets_keep_the_order_of_entry():
     sets = DisjointSets()
     for item in "cab":
@@ -141,9 +164,11 @@ def test_a_chain_of_joins_needs_no_recursion():
 
 @given(st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), max_size=15), st.sets(st.integers(0, 6)))
 def test_reachable_is_the_least_closed_set(pairs, start):
-    edges: dict[int, list[int]] = {}
+    edges: dict[int, Iterable[int]] = {}
+    lists: dict[int, list[int]] = {}
     for source, target in pairs:
-        edges.setdefault(source, []).append(target)
+        lists.setdefault(source, []).append(target)
+    edges.update(lists)
     found = reachable(start, edges)
     assert start <= found
     assert all(target in found for source, target in pairs if source in found)

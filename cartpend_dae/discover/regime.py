@@ -1,12 +1,14 @@
 """Which regime the data are in: sensor noise alone, or small disturbances everywhere as well."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.records import Candidate, Regime
 from cartpend_dae.discover.workbench import Workbench
+from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError
 
 # bandwidths tried, in units of the sampling rate
@@ -44,25 +46,66 @@ def find_regime(
     ----------
     L. Ljung, "System Identification: Theory for the User", 2nd ed. (1999), section 7.2 (prediction errors).
     """
-    rate = 1.0 / min(float(np.median(np.diff(experiment.time))) for experiment in bench.setup.train)
     visible = [candidate for candidate in screened if any(candidate.parameters.values())]
     everything = tuple(candidate.insertion for candidate in visible)
     hints = {name: value for candidate in visible for name, value in candidate.parameters.items()}
-    best_bandwidth, best_cost = LADDER[0] * rate, np.inf
+    rungs = _rungs(bench)
     # without disturbances the first rungs get better downwards; then the free simulation is tried at once
-    for bandwidth in (*(share * rate for share in LADDER[:2]), 0.0, *(share * rate for share in LADDER[2:])):
+    first = _descend(bench, everything, point, rungs[:2], sd, hints)
+    if first.is_descending:
         try:
-            stages = (2.0 * bench.frequency, 0.0) if bandwidth == 0.0 else (bandwidth,)
-            fit = bench.fit(everything, point, stages, sd, hints)
+            free = bench.fit(everything, first.point, (2.0 * bench.frequency, 0.0), sd, hints)
+            if not residuals(free).is_passed:
+                return "noise", 0.0
+        except SolverError:
+            pass
+        return "disturbances", _descend(bench, everything, first.point, rungs[1:], sd, hints).bandwidth
+    return "disturbances", first.bandwidth
+
+
+def best_bandwidth(bench: Workbench, sd: np.ndarray) -> float:
+    """Return the bandwidth of output injection with which the model as it is predicts best [rad/s].
+
+    Parameters
+    ----------
+    bench
+        The workbench.
+    sd
+        Noise used as weight, shape (n_y,).
+    """
+    return _descend(bench, (), {}, _rungs(bench), sd, {}).bandwidth
+
+
+def _rungs(bench: Workbench) -> tuple[float, ...]:
+    rate = 1.0 / min(float(np.median(np.diff(experiment.time))) for experiment in bench.setup.train)
+    return tuple(share * rate for share in LADDER)
+
+
+@dataclass(frozen=True, slots=True)
+class _Descent:
+    bandwidth: float
+    point: Mapping[str, float]
+    is_descending: bool
+
+
+def _descend(
+    bench: Workbench,
+    insertions: tuple[Insertion, ...],
+    point: Mapping[str, float],
+    rungs: tuple[float, ...],
+    sd: np.ndarray,
+    hints: Mapping[str, float],
+) -> _Descent:
+    """Fit with less and less injection until the predictions get worse."""
+    best_bandwidth, best_cost = rungs[0], np.inf
+    for bandwidth in rungs:
+        try:
+            fit = bench.fit(insertions, point, (bandwidth,), sd, hints)
         except SolverError:
             continue
-        if bandwidth == 0.0:
-            if not residuals(fit).is_passed:
-                return "noise", 0.0
-            continue
         if fit.chi2 > SLACK * best_cost:
-            break
+            return _Descent(best_bandwidth, point, False)
         if fit.chi2 < best_cost:
             best_bandwidth, best_cost = bandwidth, fit.chi2
         point = fit.point
-    return "disturbances", best_bandwidth
+    return _Descent(best_bandwidth, point, True)

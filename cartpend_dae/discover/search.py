@@ -1,11 +1,11 @@
 """Stage 3: add what the data ask for, one effect after the other, and take back what they no longer need."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cartpend_dae.discover.evidence import bic, robust
+from cartpend_dae.discover.evidence import bic, robust, with_robust_sd
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdict
 from cartpend_dae.discover.regime import find_regime
@@ -26,6 +26,7 @@ MIN_BIC_GAIN = 20.0
 MIN_SHARE = 0.2
 MIN_T = 5.0
 NEAR = 3.0
+_Library = tuple[tuple[Card, ...], tuple[Place, ...]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,52 +77,77 @@ def search(
     gate = residuals(base.fit)
     if not gate.is_passed and regime != "disturbances":
         return Search("noise", 0.0, base.fit, gate, base.fit, gate, (), (), "no-discrepancy", False)
-    bandwidth = 0.0
-    if regime != "noise":
-        early = base.fits[noise.screening].point
-        screened = screen(bench, (), early, candidates(cards, places, ()), noise.screening, noise.sd)
-        found, bandwidth = find_regime(bench, screened, early, noise.sd)
-        regime = regime or found
-    rules = noise
-    if regime == "disturbances":
-        rules, base = _disturbance_rules(bench, bandwidth, noise.sd)
-        gate = residuals(base.fit)
-    first, first_gate = base.fit, gate
-    steps: list[Step] = []
-    tried: list[Candidate] = []
-    interrupted = False
+    log = _Log()
+    rules, start = noise, base
     try:
-        while len(steps) < max_steps and residuals(base.fit).is_passed:
-            ranked = _try_all(bench, base, rules, candidates(cards, places, base.taken))
-            tried = ranked
-            if not ranked or ranked[0].why_not:
-                break
-            winner = ranked[0]
-            base = _base_of(bench, base.taken, winner, rules)
-            steps.append(Step(winner, residuals(base.fit), _aliases(winner, ranked)))
-            base, steps = _prune(bench, base, steps, rules)
-            base, steps = _swap(bench, base, steps, rules, (cards, places))
+        rules, start = _settle_regime(bench, base, noise, (cards, places), regime)
+        base = _grow(bench, start, rules, (cards, places), max_steps, log)
     except KeyboardInterrupt:
-        interrupted = True
+        log.is_interrupted, base = True, log.base or start
     last_gate = residuals(base.fit)
-    verdict = _verdict(first_gate.is_passed, bool(steps), last_gate.is_passed)
     return Search(
-        regime,
-        bandwidth,
-        first,
-        first_gate,
-        base.fit,
+        rules.regime,
+        rules.stages[-1],
+        _reported(bench, start, rules),
+        residuals(start.fit),
+        _reported(bench, base, rules),
         last_gate,
-        tuple(steps),
-        tuple(tried),
-        verdict,
-        interrupted,
+        tuple(log.steps),
+        tuple(log.tried.values()),
+        _verdict(bool(log.steps), last_gate.is_passed),
+        log.is_interrupted,
     )
 
 
-def _verdict(was_discrepant: bool, has_steps: bool, is_left: bool) -> Verdict:
-    if not was_discrepant:
-        return "no-discrepancy"
+@dataclass(slots=True)
+class _Log:
+    """What a search has found so far, kept when it is interrupted; `tried` holds the last word on each candidate."""
+
+    steps: list[Step] = field(default_factory=list)
+    tried: dict[str, Candidate] = field(default_factory=dict)
+    base: _Base | None = None
+    is_interrupted: bool = False
+
+
+def _settle_regime(
+    bench: Workbench, base: _Base, noise: _Rules, library: _Library, regime: Regime | None
+) -> tuple[_Rules, _Base]:
+    if regime == "noise":
+        return noise, base
+    early = base.fits[noise.screening].point
+    screened = screen(bench, (), early, candidates(*library, ()), noise.screening, noise.sd)
+    found, bandwidth = find_regime(bench, screened, early, noise.sd)
+    if (regime or found) == "noise":
+        return noise, base
+    return _disturbance_rules(bench, bandwidth, noise.sd)
+
+
+def _grow(bench: Workbench, base: _Base, rules: _Rules, library: _Library, max_steps: int, log: _Log) -> _Base:
+    """Add effects while there is structure; the free simulation has it, so there is always a first round."""
+    while len(log.steps) < max_steps:
+        ranked = _try_all(bench, base, rules, candidates(*library, base.taken))
+        log.tried |= {candidate.insertion.prefix: candidate for candidate in ranked}
+        if not ranked or ranked[0].why_not:
+            break
+        winner = ranked[0]
+        base = _base_of(bench, base.taken, winner, rules)
+        steps = [*log.steps, Step(winner, residuals(base.fit), _aliases(winner, ranked))]
+        base, steps = _prune(bench, base, steps, rules)
+        base, steps = _swap(bench, base, steps, rules, library)
+        log.steps, log.base = steps, base
+        if not residuals(base.fit).is_passed:
+            break
+    return base
+
+
+def _reported(bench: Workbench, base: _Base, rules: _Rules) -> Fit:
+    """Return the fit of a base with the standard deviations that its regime calls for."""
+    if rules.regime == "noise":
+        return base.fit
+    return with_robust_sd(base.fit, bench.solved(base.taken, base.fit, rules.sd))
+
+
+def _verdict(has_steps: bool, is_left: bool) -> Verdict:
     if not has_steps:
         return "unexplained"
     return "improved" if is_left else "explained"
@@ -187,7 +213,8 @@ def _judge(bench: Workbench, base: _Base, rules: _Rules, candidate: Candidate) -
     parameters = {name: fit.values[name] for name in candidate.insertion.parameter_names}
     if rules.regime == "noise":
         gain, t = bic(base.fit) - bic(fit), _white_t(fit, candidate.insertion)
-        why = "" if gain > MIN_BIC_GAIN else f"BIC falls by {gain:.1f}, less than {MIN_BIC_GAIN:g}"
+        change = f"falls by {gain:.1f}, less than {MIN_BIC_GAIN:g}" if gain > 0 else f"rises by {-gain:.1f}"
+        why = "" if gain > MIN_BIC_GAIN else f"BIC {change}"
     else:
         gain, t = _disturbed_gain(bench, base, together, fit, rules)
         why = ""
@@ -210,7 +237,7 @@ def _disturbed_gain(
 ) -> tuple[float, float]:
     before = robust(base.fit, bench.solved(base.taken, base.fit, rules.sd))
     after = robust(fit, bench.solved(together, fit, rules.sd))
-    own = [after.t[name] for name in together[-1].parameter_names]
+    own = [fit.values[name] / max(after.sd.get(name, np.inf), 1e-300) for name in together[-1].parameter_names]
     return 100 * (1 - after.cost / before.cost), min(own, key=abs)
 
 
@@ -243,7 +270,7 @@ def _prune(bench: Workbench, base: _Base, steps: list[Step], rules: _Rules) -> t
 
 
 def _swap(
-    bench: Workbench, base: _Base, steps: list[Step], rules: _Rules, library: tuple[tuple[Card, ...], tuple[Place, ...]]
+    bench: Workbench, base: _Base, steps: list[Step], rules: _Rules, library: _Library
 ) -> tuple[_Base, list[Step]]:
     """Put another effect in the place of each earlier one if, with the last one in, it explains more.
 

@@ -133,6 +133,8 @@ def rebuild(model: Component) -> Component:
     for path, component in list(walk(model)):
         for name, (part, connections) in attached_to(component).items():
             owner = component_at(fresh, path)
+            if name in attached_to(owner):  # the model attaches it itself when it is made
+                continue
             owner.attach(name, rebuild(part))
             _rejoin(model, fresh, owner, name, connections)
     return fresh

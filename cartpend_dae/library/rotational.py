@@ -155,7 +155,7 @@ class BearingFriction(Component):
 
     def equations(self) -> Statements:
         yield self.phi == self.flange_b.phi - self.flange_a.phi
-        yield self.w == der(self.flange_b.phi - self.flange_a.phi)
+        yield self.w == der(self.phi)
         yield self.tau == viscous_and_coulomb(self, self.w, self.d, "tau_c")
         yield self.flange_b.tau == self.tau
         yield self.flange_a.tau == -self.tau

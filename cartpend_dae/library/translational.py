@@ -179,7 +179,7 @@ class RailFriction(Component):
 
     def equations(self) -> Statements:
         yield self.s == self.flange_b.s - self.flange_a.s
-        yield self.v == der(self.flange_b.s - self.flange_a.s)
+        yield self.v == der(self.s)
         yield self.f == viscous_and_coulomb(self, self.v, self.d, "f_c")
         yield self.flange_b.f == self.f
         yield self.flange_a.f == -self.f

@@ -120,7 +120,7 @@ def _figure(path: Path, figure: Figure) -> None:
 def _runs(folder: Path, before: Assessment, after: Assessment | None) -> None:
     """Write series and figure of each run, and the overview of all."""
     last = {run.name: run for run in after.runs} if after else {}
-    taken = set(TAKEN)
+    taken: set[str] = set(TAKEN)
     for run in before.runs:
         stem = _file_name(run.name, taken)
         run_table(run, last.get(run.name)).to_csv(folder / f"{stem}.csv", index=False)

@@ -220,8 +220,8 @@ def _comment(part: Component, path: str, estimates: dict[str, Any]) -> str:
 
 
 def _number(value: float | None) -> str:
-    """Write a number with twelve digits, enough for any trajectory."""
-    return repr(float(f"{value:.12g}")) if value is not None else "None"
+    """Write a number with all its digits: an adaptive integrator answers to the twelfth with the seventh."""
+    return repr(float(value)) if value is not None else "None"
 
 
 def _where_attached(expression: str, names: _Names) -> str:

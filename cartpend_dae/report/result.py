@@ -49,7 +49,7 @@ def identification_result(opened: Opened, found: Identification, seconds: float)
         _head("identify", opened, seconds)
         | {
             "verdict": None,
-            "message": identification_sentence(opened, found.errors, found.gate),
+            "message": identification_sentence(opened, found.fit, found.errors, found.gate),
             "baseline": state,
             "steps": [],
             "final": state,
@@ -84,7 +84,7 @@ def discovery_result(opened: Opened, discovery: Discovery, seconds: float) -> Js
     )
 
 
-def plain(value: Any) -> Any:
+def plain(value: Any) -> Any:  # noqa: ANN401 - any JSON
     """Return what JSON can hold: numpy's numbers as Python's, and null for what is not finite."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}

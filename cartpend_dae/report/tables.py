@@ -2,14 +2,15 @@
 
 import math
 
+from rich import box
 from rich.table import Table
 
-from cartpend_dae.assess import Assessment, OutputError
+from cartpend_dae.assess import Assessment
 from cartpend_dae.data import Experiment, Trajectory, noise_sd
 from cartpend_dae.discover.records import Search
-from cartpend_dae.identify import Fit
+from cartpend_dae.identify import Estimate, Fit
 from cartpend_dae.report.result import all_candidates
-from cartpend_dae.report.text import estimated, for_people, quantity, with_unit
+from cartpend_dae.report.text import for_people, quantity, uncertain
 from cartpend_dae.session import Opened
 from cartpend_dae.system import System
 
@@ -58,30 +59,26 @@ def _measured(run: Experiment) -> str:
 
 def error_table(before: Assessment, after: Assessment | None) -> Table:
     """Return the error of each output of each run, before and after if there is an after."""
-    moments = (" before", " after") if after else ("",)
+    moments = ("\nbefore", "\nafter") if after else ("",)
     heads = [f"{measure}{moment}" for measure in ("rmse", "nrmse") for moment in moments]
-    table = _table("Error of the model", "run", "role", "output", *heads, "noise")
+    table = _table("Error of the model", "run", "output", *heads, "noise")
     last = {run.name: run for run in (after or before).runs}
     for run in before.runs:
         for name, error in run.outputs.items():
             errors = (error, last[run.name].outputs[name]) if after else (error,)
+            factor, unit = for_people(error.unit)
             table.add_row(
-                run.name,
-                run.role,
-                name,
-                *(quantity(e.rmse, e.unit) for e in errors),
+                f"{run.name} ({run.role})",
+                name if unit == "1" else f"{name} [{unit}]",
+                *(f"{factor * e.rmse:.3g}" for e in errors),
                 *(_share(e.nrmse) for e in errors),
-                _noise(error),
+                f"{factor * error.noise_sd:.3g}" if math.isfinite(error.noise_sd) else "",
             )
     return table
 
 
 def _share(value: float) -> str:
     return f"{100 * value:.3g} %" if math.isfinite(value) else ""
-
-
-def _noise(error: OutputError) -> str:
-    return quantity(error.noise_sd, error.unit) if math.isfinite(error.noise_sd) else ""
 
 
 def score_table(before: Assessment, after: Assessment | None) -> Table:
@@ -97,15 +94,20 @@ def score_table(before: Assessment, after: Assessment | None) -> Table:
 
 def estimate_table(before: Fit | None, after: Fit, opened: Opened) -> Table:
     """Return estimated parameters with their standard deviations, and the fixed ones."""
-    heads = ("parameter", "before", "after") if before else ("parameter", "value ± sd")
-    table = _table("Parameters", *heads)
-    first = {e.name: estimated(e) for e in before.parameters} if before else {}
+    heads = ("before ± sd", "after ± sd") if before else ("value ± sd",)
+    table = _table("Parameters", "parameter", *heads)
+    first = {e.name: _value(e) for e in before.parameters} if before else {}
     for e in after.parameters:
-        table.add_row(e.name, *((first.get(e.name, ""),) if before else ()), estimated(e))
+        table.add_row(f"{e.name} [{e.unit}]", *((first.get(e.name, ""),) if before else ()), _value(e))
     for q in opened.fixed:
-        text = with_unit(f"{q.value:.6g}", q.declaration.unit) + " (fixed)"
-        table.add_row(q.name, *((text, text) if before else (text,)))
+        text = f"{q.value:.6g} (fixed)"
+        table.add_row(f"{q.name} [{q.declaration.unit}]", *((text, text) if before else (text,)))
     return table
+
+
+def _value(estimate: Estimate) -> str:
+    why = {"at-bound": " (on its bound)", "unidentifiable": " (not determined)"}
+    return uncertain(estimate.value, estimate.sd) + why.get(estimate.status, "")
 
 
 def candidate_table(search: Search) -> Table:
@@ -120,7 +122,7 @@ def candidate_table(search: Search) -> Table:
 
 def gain_label(search: Search) -> str:
     """Say what the gain of a candidate is in the regime of a search."""
-    return "drop of BIC" if search.regime == "noise" else "% of cost explained"
+    return "drop of BIC" if search.regime == "noise" else "% of cost\nexplained"
 
 
 def trajectory_table(system: System, trajectory: Trajectory) -> Table:
@@ -135,7 +137,9 @@ def trajectory_table(system: System, trajectory: Trajectory) -> Table:
 
 
 def _table(title: str, *heads: str) -> Table:
-    table = Table(title=title, title_justify="left", title_style="bold", header_style="bold")
+    table = Table(title=f"\n{title}", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, collapse_padding=True)
+    table.title_justify, table.title_style, table.header_style = "left", "bold", "bold"
     for head in heads:
-        table.add_column(head, overflow="fold")
+        is_number = head.startswith(("rmse", "nrmse", "noise", "drop", "%")) or head.endswith("sd")
+        table.add_column(head, overflow="fold", no_wrap=is_number)
     return table

@@ -72,11 +72,13 @@ def discovery_sentence(discovery: Discovery) -> str:
     begun = "The search was interrupted; this is the best so far. " if search.interrupted else ""
     if search.verdict == "no-discrepancy":
         return (
-            f"{begun}The residuals of {model} are no more than noise (z = {search.baseline_gate.largest:.1f}, "
-            f"limit {LIMIT:g}): nothing was added."
+            f"{begun}The {residual_name(search.bandwidth)} of {model} are no more than noise "
+            f"(z = {search.baseline_gate.largest:.1f}, limit {LIMIT:g}): nothing was added."
         )
+    if not search.steps and search.interrupted:
+        return f"The search was interrupted before an effect was accepted; {model} is calibrated as it was."
     if not search.steps:
-        return begun + _unexplained(search, model)
+        return _unexplained(search, model)
     left = search.final_gate
     rest = (
         f" What is left is still more than noise (z = {left.largest:.1f}, limit {LIMIT:g})."
@@ -86,10 +88,15 @@ def discovery_sentence(discovery: Discovery) -> str:
     return f"{begun}{_lacked(search)}; {_errors_fell(discovery.before, discovery.after)}.{rest}"
 
 
+def residual_name(bandwidth: float) -> str:
+    """Name what the gate judges in a fit with this bandwidth [rad/s] of its output injection."""
+    return f"innovations (observer of {bandwidth:.3g} rad/s)" if bandwidth else "residuals"
+
+
 def _unexplained(search: Search, model: str) -> str:
     text = (
-        f"The residuals of {model} are more than noise (z = {search.baseline_gate.largest:.1f}, limit {LIMIT:g}), "
-        f"but no effect of the catalogue could be accepted"
+        f"The {residual_name(search.bandwidth)} of {model} are more than noise "
+        f"(z = {search.baseline_gate.largest:.1f}, limit {LIMIT:g}), but no effect of the catalogue could be accepted"
     )
     fitted = [candidate for candidate in search.candidates if candidate.fit is not None]
     if not fitted:
@@ -151,14 +158,15 @@ def _noise(error: OutputError) -> str:
     return f" (noise {quantity(error.noise_sd, error.unit)})" if known else ""
 
 
-def identification_sentence(opened: Opened, errors: Assessment, gate: Gate) -> str:
+def identification_sentence(opened: Opened, fit: Fit, errors: Assessment, gate: Gate) -> str:
     """Say what was fitted and whether the model explains it."""
     runs = listing(run.name for run in errors.runs if run.role == "train")
     text = f"{type(opened.model).__name__} is calibrated on {runs}. "
+    what = residual_name(float(fit.bandwidth[0]))
     if not gate.is_passed:
-        return f"{text}The residuals are no more than noise (z = {gate.largest:.1f}, limit {LIMIT:g})."
+        return f"{text}The {what} are no more than noise (z = {gate.largest:.1f}, limit {LIMIT:g})."
     return (
-        f"{text}The residuals are more than noise (z = {gate.largest:.1f}, limit {LIMIT:g}): "
+        f"{text}The {what} are more than noise (z = {gate.largest:.1f}, limit {LIMIT:g}): "
         f"`cartpend discover` looks for what the model lacks."
     )
 

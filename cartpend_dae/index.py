@@ -1,0 +1,239 @@
+"""AliasedSystem -> IndexedSystem: constraints are differentiated until every highest derivative can be solved for.
+
+The structural analysis says how often each equation is differentiated. Of the variables below the highest
+order, dummy derivatives are those that the constraints give, so that only as many states are left as there
+are degrees of freedom. Where the constraints give them with coefficients that change along the motion
+(a pendulum in Cartesian coordinates through full turns) no such choice holds for ever: all are kept as
+states, and the constraints as invariants towards which the solution is drawn back.
+
+References
+----------
+J. D. Pryce, BIT 41 (2001), 364-394, doi:10.1023/A:1021998624799 (structural analysis).
+S. E. Mattsson, G. Soederlind, SIAM J. Sci. Comput. 14 (1993), 677-692, doi:10.1137/0914043 (dummy derivatives).
+U. M. Ascher, H. Chin, S. Reich, Numer. Math. 67 (1994), 131-149, doi:10.1007/s002110050020 (invariants).
+"""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from cartpend_dae.errors import StructureError
+from cartpend_dae.graph import matching, structural_offsets
+from cartpend_dae.system import AliasedSystem, IndexedSystem
+
+Key = tuple[int, int]
+
+
+def reduce_index(aliased: AliasedSystem) -> IndexedSystem:
+    """Differentiate constraints and choose the states.
+
+    Parameters
+    ----------
+    aliased
+        The system without trivial equations.
+
+    Raises
+    ------
+    StructureError
+        If equations and unknowns cannot be matched, or a constraint would need the derivative of an input or
+        of a dry friction force.
+    """
+    inputs = set(aliased.flat.inputs)
+    wanted: dict[int, int] = {}
+    for base, order in aliased.keys:
+        wanted[base] = max(order, wanted.get(base, 0))
+    bases = [base for base in wanted if base not in inputs]
+    column_of = {base: j for j, base in enumerate(bases)}
+    entries = _signature(aliased, column_of)
+    top = [(row, column) for (row, column), order in entries.items() if order == wanted[bases[column]]]
+    n = len(aliased.origins)
+    match = matching([r for r, _ in top], [c for _, c in top], (n, len(bases)))
+    if n == len(bases) and np.all(match >= 0):
+        counts, highest = np.zeros(n, dtype=int), np.array([wanted[base] for base in bases])
+    else:
+        _check_structure(aliased, bases, entries)
+        counts, highest, _ = structural_offsets(
+            [r for r, _ in entries],
+            [c for _, c in entries],
+            list(entries.values()),
+            [wanted[base] for base in bases],
+            n,
+        )
+    return _reduced(aliased, bases, counts, highest)
+
+
+def _signature(aliased: AliasedSystem, column_of: dict[int, int]) -> dict[tuple[int, int], int]:
+    """Return the highest order of each variable in each equation."""
+    rows, columns = ca.jacobian_sparsity(aliased.residual, aliased.symbols).get_triplet()
+    entries: dict[tuple[int, int], int] = {}
+    for row, position in zip(rows, columns, strict=True):
+        base, order = aliased.keys[position]
+        if base in column_of:
+            key = (row, column_of[base])
+            entries[key] = max(order, entries.get(key, 0))
+    return entries
+
+
+def _check_structure(aliased: AliasedSystem, bases: list[int], entries: dict[tuple[int, int], int]) -> None:
+    n = len(aliased.origins)
+    match = matching([r for r, _ in entries], [c for _, c in entries], (n, len(bases)))
+    lonely = sorted(aliased.origins[i] for i in np.flatnonzero(match < 0))
+    orphans = sorted(set(range(len(bases))) - set(match.tolist()))
+    if not lonely and not orphans:
+        return
+    names = [aliased.flat.variables[bases[j]].name for j in orphans]
+    twice = f" Equations that say nothing new: {'; '.join(aliased.redundant)}." if aliased.redundant else ""
+    raise StructureError(
+        f"{aliased.flat.name} is structurally singular: {n} equations remain for {len(bases)} unknowns. "
+        f"No unknown is left for: {'; '.join(lonely) or 'none'}. "
+        f"No equation gives: {', '.join(f'`{name}`' for name in names) or 'none'}.{twice} "
+        f"Likely causes: a missing ground, two grounds in one circuit, or a motion prescribed twice."
+    )
+
+
+def _reduced(aliased: AliasedSystem, bases: list[int], counts: np.ndarray, highest: np.ndarray) -> IndexedSystem:
+    extended, levels = _differentiate(aliased, counts)
+    tops = [(base, int(order)) for base, order in zip(bases, highest, strict=True)]
+    extended = _with_keys(extended, tops)
+    dummies, dropped = _dummy_derivatives(extended, tops, counts, levels)
+    unknowns = [*tops, *dummies]
+    taken = set(unknowns)
+    solved = [i for i in range(len(extended.origins)) if i not in set(dropped)]
+    return IndexedSystem(
+        aliased=replace(
+            extended, residual=extended.residual[solved], origins=tuple(extended.origins[i] for i in solved)
+        ),
+        unknowns=tuple(unknowns),
+        states=tuple((base, k) for base, order in tops for k in range(order) if (base, k) not in taken),
+        invariants=extended.residual[dropped] if dropped else ca.SX(0, 1),
+        invariant_origins=tuple(extended.origins[i] for i in dropped),
+        differentiated=tuple(f"{aliased.origins[i]}: {int(n)} times" for i, n in enumerate(counts) if n),
+    )
+
+
+def _with_keys(aliased: AliasedSystem, wanted: list[Key]) -> AliasedSystem:
+    """Make symbols for derivatives that no equation shows yet."""
+    known = set(aliased.keys)
+    keys, symbols = list(aliased.keys), [aliased.symbols]
+    for base, order in wanted:
+        for k in range(order + 1):
+            if (base, k) not in known:
+                known.add((base, k))
+                keys.append((base, k))
+                symbols.append(ca.SX.sym("der(" * k + aliased.flat.variables[base].name + ")" * k))
+    return replace(aliased, keys=tuple(keys), symbols=ca.vertcat(*symbols))
+
+
+def _differentiate(aliased: AliasedSystem, counts: np.ndarray) -> tuple[AliasedSystem, list[list[int]]]:
+    """Append the derivatives of the equations; `levels[i][k]` is where the k-th derivative of equation i stands."""
+    levels = [[i] for i in range(len(counts))]
+    current = list(range(len(counts)))
+    for round_number in range(1, int(counts.max(initial=0)) + 1):
+        equations = [i for i in range(len(counts)) if counts[i] >= round_number]
+        source = [current[i] for i in equations]
+        aliased = _with_keys(aliased, [(base, order + 1) for base, order in aliased.keys])
+        rate = _total_derivative(aliased, source)
+        first = len(aliased.origins)
+        aliased = replace(
+            aliased,
+            residual=ca.vertcat(aliased.residual, rate),
+            origins=(*aliased.origins, *(f"derivative of {aliased.origins[k]}" for k in source)),
+        )
+        for offset, i in enumerate(equations):
+            current[i] = first + offset
+            levels[i].append(first + offset)
+    return aliased, levels
+
+
+def _total_derivative(aliased: AliasedSystem, equations: list[int]) -> ca.SX:
+    """Differentiate equations with respect to time by the chain rule; parameters are constant."""
+    flat = aliased.flat
+    residual = aliased.residual[equations]
+    forces = ca.jacobian_sparsity(residual, flat.frictions.force).get_triplet()[0]
+    if len(forces):
+        names = ", ".join(sorted({aliased.origins[equations[row]] for row in forces}))
+        raise StructureError(
+            f"{flat.name}: a constraint must be differentiated that holds a dry friction force, which jumps: {names}. "
+            f"Give one of the parts that it joins a mass or a stiffness."
+        )
+    table = dict(zip(aliased.keys, ca.vertsplit(aliased.symbols), strict=True))
+    used = sorted(set(ca.jacobian_sparsity(residual, aliased.symbols).get_triplet()[1]))
+    keys = [aliased.keys[k] for k in used]
+    for base, _ in keys:
+        if base in flat.inputs:
+            name = flat.variables[base].name
+            raise StructureError(
+                f"{flat.name} needs the derivative of its input `{name}`: a motion is prescribed without its speed. "
+                f"Drive it by a force or through a spring, or supply the input's derivative as well."
+            )
+    lower = ca.vertcat(*[table[key] for key in keys]) if keys else ca.SX(0, 1)
+    upper = ca.vertcat(*[table[base, order + 1] for base, order in keys]) if keys else ca.SX(0, 1)
+    moved = ca.jtimes(residual, lower, upper) if keys else ca.SX.zeros(len(equations))
+    return moved + ca.jacobian(residual, flat.time)
+
+
+def _dummy_derivatives(
+    aliased: AliasedSystem, tops: list[Key], counts: np.ndarray, levels: list[list[int]]
+) -> tuple[list[Key], list[int]]:
+    """Choose, stage by stage, the lower derivatives that constraints give.
+
+    Returns the dummy derivatives, and the equations left over, which become invariants.
+    """
+    rows = [i for i, count in enumerate(counts) if count >= 1]
+    if not rows:
+        return [], []
+    table = dict(zip(aliased.keys, ca.vertsplit(aliased.symbols), strict=True))
+    unknown = ca.vertcat(*[table[key] for key in tops])
+    jacobian = ca.jacobian(aliased.residual[[levels[i][-1] for i in rows]], unknown)
+    columns = list(range(len(tops)))
+    static = list(range(len(rows)))
+    dummies: list[Key] = []
+    invariants: list[int] = []
+    for stage in range(1, int(counts.max()) + 1):
+        now = [row for row in range(len(rows)) if counts[rows[row]] >= stage]
+        eligible = [j for j in columns if tops[j][1] >= stage]
+        pivots = _constant_pivots(aliased, jacobian, [row for row in now if row in static], eligible)
+        static = list(pivots)
+        dummies += [(tops[column][0], tops[column][1] - stage) for column in pivots.values()]
+        invariants += [levels[rows[row]][int(counts[rows[row]]) - stage] for row in now if row not in pivots]
+        columns = list(pivots.values())
+    return dummies, invariants
+
+
+def _constant_pivots(aliased: AliasedSystem, jacobian: ca.SX, rows: list[int], columns: list[int]) -> dict[int, int]:
+    """Eliminate with pivots that are constant in time; return row -> column for the rows that have one.
+
+    Of several the first column is taken: parts come before what they are joined to, so that the
+    coordinates of the later parts become dummies last.
+    """
+    lines = {row: _line(jacobian, row, set(columns)) for row in rows}
+    pivots: dict[int, int] = {}
+    for row in sorted(rows, key=lambda r: len(lines[r])):
+        line = lines[row]
+        constant = [j for j, value in line.items() if _is_constant(aliased, value)]
+        if not constant:
+            continue
+        column = max(constant)
+        pivots[row] = column
+        for other, others in lines.items():
+            if other in pivots or column not in others:
+                continue
+            ratio = others.pop(column) / line[column]
+            for j, value in line.items():
+                if j != column:
+                    others[j] = others.get(j, ca.SX(0)) - ratio * value
+            lines[other] = {j: value for j, value in others.items() if not value.is_zero()}
+    return pivots
+
+
+def _line(jacobian: ca.SX, row: int, columns: set[int]) -> dict[int, ca.SX]:
+    line = jacobian[row, :]
+    return {j: line[0, j] for j in line.sparsity().get_triplet()[1] if j in columns}
+
+
+def _is_constant(aliased: AliasedSystem, value: ca.SX) -> bool:
+    """Whether a coefficient is a number, or an expression of parameters."""
+    if value.is_constant():
+        return abs(float(value)) > 1e-12
+    return not ca.depends_on(value, ca.vertcat(aliased.symbols, aliased.flat.time))

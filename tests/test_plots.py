@@ -1,0 +1,98 @@
+"""Figures show the numbers that they are made of, in everyday units, and nothing overlaps."""
+
+import sys
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from demo_run import demo_run
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from cartpend_dae import assemble, plots, simulate
+from cartpend_dae.study import load_model, model_reference
+
+
+def drawn(figure):
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return canvas.get_renderer()
+
+
+def line(axis, label):
+    return next(item for item in axis.get_lines() if item.get_label() == label)
+
+
+def test_run_figure_shows_degrees_and_residuals():
+    discovery = demo_run().discovery
+    before, after = discovery.before.runs[2], discovery.after.runs[2]
+    axes = plots.run_figure(before, after).get_axes()
+    assert [axis.get_ylabel() for axis in axes] == [
+        "bearing.phi [deg]",
+        "residual\nbefore [deg]",
+        "residual\nafter [deg]",
+    ]
+    assert axes[-1].get_xlabel() == "time [s]"
+    np.testing.assert_allclose(line(axes[0], "measured").get_ydata(), np.degrees(before.measured[:, 0]))
+    np.testing.assert_allclose(line(axes[0], "model after").get_ydata(), np.degrees(after.predicted[:, 0]))
+    residual = axes[2].get_lines()[-1].get_ydata()
+    rmse = np.degrees(after.outputs["bearing.phi"].rmse)
+    assert np.sqrt(np.mean(residual**2)) == pytest.approx(rmse)
+
+
+def test_run_figure_of_one_model_has_one_residual_panel():
+    axes = plots.run_figure(demo_run().discovery.before.runs[0]).get_axes()
+    assert len(axes) == 2
+    assert {item.get_label() for item in axes[0].get_lines()} == {"measured", "model"}
+
+
+def test_two_outputs_stand_side_by_side():
+    run = demo_run().discovery.before.runs[0]
+    error = run.outputs["bearing.phi"]
+    two = replace(
+        run,
+        outputs={"bearing.phi": error, "motor.i": replace(error, unit="A", noise_sd=float("nan"))},
+        measured=np.hstack([run.measured, run.measured]),
+        predicted=np.hstack([run.predicted, run.predicted]),
+    )
+    figure = plots.run_figure(two)
+    assert [axis.get_ylabel() for axis in figure.get_axes()[:2]] == ["bearing.phi [deg]", "motor.i [A]"]
+    drawn(figure)
+
+
+def test_candidate_figure_shows_gains_and_reasons_without_overlap():
+    search = demo_run().discovery.search
+    figure = plots.candidate_figure(search)
+    bars, notes = figure.get_axes()
+    fitted = [candidate.gain for candidate in search.candidates if candidate.fit is not None]
+    assert [bar.get_width() for bar in bars.patches if bar.get_width()] == pytest.approx(fitted)
+    renderer = drawn(figure)
+    boxes = [text.get_window_extent(renderer) for text in notes.texts]
+    assert len(boxes) == len(search.candidates)
+    assert all(upper.y0 >= lower.y1 for upper, lower in pairwise(boxes))
+    assert all(box.x1 <= figure.bbox.x1 for box in boxes)
+
+
+def test_level_figure_puts_the_error_over_the_noise():
+    discovery = demo_run().discovery
+    axis = plots.level_figure(discovery.before, discovery.after).get_axes()[0]
+    error = discovery.after.runs[2].outputs["bearing.phi"]
+    shown = {round(float(x), 6) for item in axis.get_lines() for x in np.atleast_1d(item.get_xdata())}
+    assert round(error.rmse / error.noise_sd, 6) in shown
+
+
+def test_trajectory_figure_has_a_panel_for_each_unit():
+    system = assemble(load_model(model_reference(str(Path(__file__).parent.parent / "models" / "driven_cart.py"))))
+    run = simulate(system, 0.5, points=11, inputs={"amplifier.u": 1.0})
+    axes = plots.trajectory_figure(system, run).get_axes()
+    assert {axis.get_ylabel() for axis in axes} == {"[V]", "[m]", "[m/s]", "[deg]", "[deg/s]"}
+    angle = next(axis for axis in axes if axis.get_ylabel() == "[deg]").get_lines()[0]
+    np.testing.assert_allclose(angle.get_ydata(), np.degrees(run[angle.get_label()]))
+
+
+def test_written_figures_are_pictures_and_pyplot_has_none():
+    for path in demo_run().results.glob("*.png"):
+        assert path.read_bytes().startswith(b"\x89PNG\r\n")
+    if "matplotlib.pyplot" in sys.modules:
+        assert sys.modules["matplotlib.pyplot"].get_fignums() == []

@@ -1,0 +1,53 @@
+"""The declared fields are typed: a checker finds the slips that a model author makes, and nothing else."""
+
+import json
+import subprocess
+import sys
+
+SOURCE = """
+from cartpend_dae import Component, Param, Statements, connect, param
+from cartpend_dae.library.rotational import BearingFriction, Fixed, Inertia, SlenderRod
+
+
+class Rig(Component):
+    J: Param = param(unit="kg.m2", min=0, doc="inertia")
+    d: Param = param(unit="N.m.s/rad", default=0.1, doc="damping")
+
+    def __post_init__(self) -> None:
+        self.ground = Fixed()
+        self.bearing = BearingFriction(d=self.d)
+        self.load = Inertia(J=2 * self.J)
+        self.load.J = 0.3
+
+    def equations(self) -> Statements:
+        yield connect(self.ground.flange, self.bearing.flange_a)
+        yield connect(self.bearing.flange_b, self.load.flange_a)
+        yield self.load.phi == self.bearing.phi
+
+
+rig = Rig(J=0.2)
+Rig(J=1, d=2.0)
+Rig()  # wrong: J is missing
+Rig(J=0.2, dd=0.1)  # wrong: misspelt
+Rig(J="heavy")  # wrong: a text
+Rig(0.2)  # wrong: by position
+SlenderRod(m=1.0)  # wrong: l is missing
+SlenderRod(m=1.0, l=1.0, lenght=1.0)  # wrong: misspelt
+connect(rig.ground.flnge, rig.bearing.flange_a)  # wrong: misspelt port
+rig.bearing.d = 0.2
+rig.bearing.d = "much"  # wrong: a text
+rig.load.phi = 0.1  # wrong: a variable is computed
+rig.load.flange_a = rig.ground.flange  # wrong: a port is connected
+rig.load.flange_a.tau = 1.0  # wrong: a flow is computed
+"""
+
+
+def test_pyright_reports_every_mistake_and_no_other_line(tmp_path):
+    path = tmp_path / "rig.py"
+    path.write_text(SOURCE)
+    command = [sys.executable, "-m", "pyright", "--outputjson", "--pythonpath", sys.executable, str(path)]
+    result = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    found = json.loads(result.stdout)["generalDiagnostics"]
+    reported = {item["range"]["start"]["line"] for item in found}
+    wrong = {number for number, line in enumerate(SOURCE.splitlines()) if "# wrong" in line}
+    assert reported == wrong, found
