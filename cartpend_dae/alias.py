@@ -15,7 +15,7 @@ import numpy as np
 from cartpend_dae.errors import StructureError
 from cartpend_dae.system import AliasedSystem, Coefficient, FlatSystem, Frictions, Initials, Relation
 
-_ONE, _ZERO = Fraction(1), Fraction(0)
+_ONE, _ZERO = 1, 0
 _CONSTANT = -1
 # rank of variables whose derivative the model names: they become states, and keep their names
 _DIFFERENTIATED = -1
@@ -97,12 +97,37 @@ def _linear_rows(flat: FlatSystem) -> list[_Row]:
     varying[forced] = True
     constants = ca.substitute(flat.residual, unknowns, ca.SX.zeros(unknowns.numel()))
     keys = [(i, 0) for i in range(len(flat.variables))] + list(flat.derivatives)
-    rows = {i: _Row(i, {}, _coefficient(constants[i])) for i in np.flatnonzero(~varying).tolist()}
-    elements = ca.vertsplit(values) if values.numel() else []
+    linear = ~varying
+    numbers = _coefficients(flat, constants, linear)
+    rows = {i: _Row(i, {}, numbers[i]) for i in np.flatnonzero(linear).tolist()}
+    elements = _coefficients(flat, values, linear[entry_rows] if values.numel() else linear[:0])
     for entry, (row, column) in enumerate(zip(entry_rows.tolist(), entry_columns.tolist(), strict=True)):
-        if row in rows:
-            rows[row].terms[keys[column]] = _coefficient(elements[entry])
+        if linear[row]:
+            rows[row].terms[keys[column]] = elements[entry]
     return list(rows.values())
+
+
+def _coefficients(flat: FlatSystem, values: ca.SX, wanted: np.ndarray) -> list[Coefficient]:
+    """Return the wanted elements of a column, numbers as exact fractions; the others are left as zeros.
+
+    Numbers are found and evaluated all at once, because a call for each would take longer than all the rest.
+    """
+    found: list[Coefficient] = [0] * values.numel()
+    if not wanted.any():
+        return found
+    symbolic_rows = set(ca.jacobian_sparsity(values, ca.vertcat(*ca.symvar(values))).get_triplet()[0])
+    numbers = np.asarray(ca.Function("numbers", ca.symvar(values), [values]).call([0.0] * len(ca.symvar(values)))[0])
+    for i in np.flatnonzero(wanted).tolist():
+        found[i] = values[i] if i in symbolic_rows else _exact(float(numbers[i, 0]))
+    return found
+
+
+def _exact(number: float) -> int | Fraction:
+    """Return a number as the fraction that was meant, 0.1 as 1/10; whole ones as int, which is ten times faster."""
+    if number.is_integer():
+        return int(number)
+    meant = Fraction(number).limit_denominator(10**9)
+    return meant if float(meant) == number else Fraction(number)
 
 
 def nonzeros(matrix: ca.SX) -> ca.SX:
@@ -110,36 +135,32 @@ def nonzeros(matrix: ca.SX) -> ca.SX:
     return ca.sparsity_cast(matrix, ca.Sparsity.dense(matrix.nnz(), 1))
 
 
-def _coefficient(value: ca.SX) -> Coefficient:
-    return Fraction(float(value)) if value.is_constant() else value
-
-
 def _times(a: Coefficient, b: Coefficient) -> Coefficient:
-    if isinstance(a, Fraction) and isinstance(b, Fraction):
-        return a * b
-    return symbolic(a) * symbolic(b)
+    if isinstance(a, ca.SX) or isinstance(b, ca.SX):
+        return symbolic(a) * symbolic(b)
+    return a * b
 
 
 def _add(a: Coefficient, b: Coefficient) -> Coefficient:
-    if isinstance(a, Fraction) and isinstance(b, Fraction):
-        return a + b
-    total = symbolic(a) + symbolic(b)
-    return _coefficient(total)
+    if isinstance(a, ca.SX) or isinstance(b, ca.SX):
+        total = symbolic(a) + symbolic(b)
+        return _exact(float(total)) if total.is_constant() else total
+    return a + b
 
 
 def _divide(a: Coefficient, b: Coefficient) -> Coefficient:
-    if isinstance(a, Fraction) and isinstance(b, Fraction):
-        return a / b
-    return symbolic(a) / symbolic(b)
+    if isinstance(a, ca.SX) or isinstance(b, ca.SX):
+        return symbolic(a) / symbolic(b)
+    return a * b if b in (1, -1) else Fraction(a) / b
 
 
 def symbolic(value: Coefficient) -> ca.SX:
     """Return a coefficient as a CasADi expression."""
-    return ca.SX(float(value)) if isinstance(value, Fraction) else value
+    return value if isinstance(value, ca.SX) else ca.SX(float(value))
 
 
 def _is_zero(value: Coefficient) -> bool:
-    return value == 0 if isinstance(value, Fraction) else value.is_zero()
+    return value.is_zero() if isinstance(value, ca.SX) else value == 0
 
 
 def _merge(flat: FlatSystem, rows: list[_Row], chains: _Chains) -> tuple[set[int], list[str]]:
@@ -200,7 +221,7 @@ def _check_constant(flat: FlatSystem, row: _Row) -> None:
 
 
 def _number(flat: FlatSystem, value: Coefficient) -> float:
-    if isinstance(value, Fraction):
+    if not isinstance(value, ca.SX):
         return float(value)
     symbols, bindings = flat.parameter_symbols, flat.parameter_bindings
     for _ in range(20):
@@ -234,7 +255,7 @@ def _join(row: _Row, chains: _Chains, rank: list[tuple[int, int, int]], inputs: 
     candidates = [
         (position, variable)
         for position, ((variable, order), coefficient) in enumerate(items)
-        if order == 0 and variable not in inputs and isinstance(coefficient, Fraction)
+        if order == 0 and variable not in inputs and not isinstance(coefficient, ca.SX)
     ]
     if len(items) == 2 and items[0][0][0] == items[1][0][0]:
         return None
@@ -242,13 +263,13 @@ def _join(row: _Row, chains: _Chains, rank: list[tuple[int, int, int]], inputs: 
         return None
     position, variable = max(candidates, key=lambda candidate: rank[candidate[1]])
     coefficient = items[position][1]
-    offset = _divide(_times(Fraction(-1), row.constant), coefficient)
+    offset = _divide(_times(-1, row.constant), coefficient)
     if len(items) == 1:
         chains.relations[variable] = Relation(_CONSTANT, 0, _ZERO, offset)
         return variable
     (other, order), other_coefficient = items[1 - position]
-    factor = _divide(_times(Fraction(-1), other_coefficient), coefficient)
-    if not isinstance(factor, Fraction) and (
+    factor = _divide(_times(-1, other_coefficient), coefficient)
+    if isinstance(factor, ca.SX) and (
         order > 0 or _is_differentiated(rank, variable) > _is_differentiated(rank, other)
     ):
         # f = -m der(v) and i = (V - u)/R are laws, not other names: a state must not become a multiple of a flow
@@ -261,26 +282,18 @@ def _substitute(
     flat: FlatSystem, relations: tuple[Relation, ...], keep: list[int], redundant: tuple[str, ...]
 ) -> AliasedSystem:
     """Rewrite what remains in the symbols of the chains, by one substitution."""
-    table: dict[tuple[int, int], ca.SX] = {}
-
-    def chain_symbol(base: int, order: int) -> ca.SX:
-        for lower in range(order + 1):
-            if (base, lower) not in table:
-                name = flat.variables[base].name
-                table[base, lower] = ca.SX.sym("der(" * lower + name + ")" * lower)
-        return table[base, order]
-
-    def value(relation: Relation, more: int) -> ca.SX:
-        offset = symbolic(relation.offset) if relation.order + more == 0 or more == 0 else ca.SX(0)
-        if relation.base == _CONSTANT:
-            return offset if more == 0 else ca.SX(0)
-        return symbolic(relation.factor) * chain_symbol(relation.base, relation.order + more) + offset
-
+    wanted = [(relation, 0) for relation in relations]
+    wanted += [(relations[variable], order) for variable, order in flat.derivatives]
+    highest: dict[int, int] = {}
+    for relation, more in wanted:
+        if relation.base != _CONSTANT:
+            highest[relation.base] = max(relation.order + more, highest.get(relation.base, 0))
+    keys = tuple((base, order) for base, top in highest.items() for order in range(top + 1))
+    names = [flat.variables[base].name for base, _ in keys]
+    symbols = [ca.SX.sym("der(" * o + name + ")" * o) for name, (_, o) in zip(names, keys, strict=True)]
+    stacked = ca.vertcat(*symbols) if symbols else ca.SX(0, 1)
     old = ca.vertcat(flat.symbols, flat.derivative_symbols)
-    new = ca.vertcat(
-        *[value(relation, 0) for relation in relations],
-        *[value(relations[variable], order) for variable, order in flat.derivatives],
-    )
+    new = relation_values(wanted, keys, stacked)
     friction = flat.frictions
     parts = [
         flat.residual[keep],
@@ -290,15 +303,41 @@ def _substitute(
         flat.initials.residual,
     ]
     residual, speed, level_pos, level_neg, initials = ca.substitute(parts, [old], [new])
-    keys = tuple(table)
     return AliasedSystem(
         flat=flat,
         relations=relations,
         keys=keys,
-        symbols=ca.vertcat(*table.values()) if table else ca.SX(0, 1),
+        symbols=stacked,
         residual=residual,
         origins=tuple(flat.origins[i] for i in keep),
         frictions=Frictions(friction.places, friction.force, speed, level_pos, level_neg),
         initials=Initials(initials, flat.initials.fixed, flat.initials.origins),
         redundant=redundant,
     )
+
+
+def relation_values(wanted: list[tuple[Relation, int]], keys: tuple[tuple[int, int], ...], symbols: ca.SX) -> ca.SX:
+    """Return derivatives of variables in the symbols of their chains, shape (n, 1).
+
+    Parameters
+    ----------
+    wanted
+        Relation of a variable, and the order of the derivative of it that is wanted.
+    keys, symbols
+        The members of the chains, and their symbols (n_keys, 1).
+    """
+    position = {key: k for k, key in enumerate(keys)}
+    nothing = len(keys)  # a zero stands after the symbols, for constants
+    index = [nothing if r.base == _CONSTANT else position[r.base, r.order + more] for r, more in wanted]
+    factors = coefficient_column([r.factor for r, _ in wanted])
+    offsets = coefficient_column([r.offset if more == 0 else 0 for r, more in wanted])
+    return factors * ca.vertcat(symbols, 0)[index, 0] + offsets
+
+
+def coefficient_column(values: list[Coefficient]) -> ca.SX:
+    """Return coefficients as a column, numbers all at once."""
+    column = ca.SX(ca.DM([0.0 if isinstance(v, ca.SX) else float(v) for v in values]))
+    for i, value in enumerate(values):
+        if isinstance(value, ca.SX):
+            column[i] = value
+    return column

@@ -7,6 +7,7 @@ from cartpend_dae.errors import ModelError
 from cartpend_dae.flatten import flatten
 from cartpend_dae.index import reduce_index
 from cartpend_dae.language import Component
+from cartpend_dae.merge import merge_frictions
 from cartpend_dae.sort import sort
 from cartpend_dae.system import System
 
@@ -28,7 +29,7 @@ def assemble(model: Component | System) -> System:
     """
     if isinstance(model, System):
         return model
-    system = sort(reduce_index(alias(flatten(model))))
+    system = merge_frictions(sort(reduce_index(alias(flatten(model)))))
     check_bounds(system, system.parameter_values)
     return system
 

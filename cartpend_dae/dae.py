@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from cartpend_dae.errors import ModelError
+from cartpend_dae.quantities import is_number
 from cartpend_dae.system import System
 
 
@@ -86,9 +88,18 @@ def parameter_vector(system: System, changes: dict[str, float] | None = None) ->
     Raises
     ------
     ModelError
-        For a name that is no independent parameter.
+        For a name that is no independent parameter, a value that is no number, or one other than 0 for a
+        parameter whose part was left out of the model because it was 0.
     """
     values = system.parameter_values
     for name, value in (changes or {}).items():
-        values[system.parameter_index(name)] = value
+        index = system.parameter_index(name)
+        if not is_number(value):
+            raise ModelError(f"Parameter `{name}` of {system.name} must be a number, not {value!r}.")
+        if value != 0 and system.parameters[index].is_built_as_zero:
+            raise ModelError(
+                f"`{name}` was 0 when the model was built, so that the part it belongs to does not exist; "
+                f"set it in the constructor."
+            )
+        values[index] = value
     return values

@@ -11,6 +11,9 @@ import casadi as ca
 from cartpend_dae.dae import friction_laws
 from cartpend_dae.system import System
 
+# relative width of the band in which a holding force counts as at its limit
+MARGIN = 1e-9
+
 
 @dataclass(frozen=True, slots=True)
 class HybridFriction:
@@ -45,8 +48,9 @@ def friction_events(system: System) -> HybridFriction:
     indicators = []
     for i in range(n):
         stuck = modes[i] == 0
-        indicators.append(ca.if_else(stuck, law.level_pos[i] - force[i], modes[i] * law.speed[i]))
-        indicators.append(ca.if_else(stuck, law.level_neg[i] + force[i], 1))
+        # the small offset lets an event fire whose indicator is exactly zero at an output time
+        indicators.append(ca.if_else(stuck, (1 + MARGIN) * law.level_pos[i] - force[i], modes[i] * law.speed[i]))
+        indicators.append(ca.if_else(stuck, (1 + MARGIN) * law.level_neg[i] + force[i], 1))
     arguments = [s.time, s.x, modes, s.z, s.u, s.p]
     speed = ca.Function("speed", arguments, [law.speed, ca.jacobian(law.speed, s.x)])
     holding = ca.Function("holding", arguments, [force, law.level_pos, law.level_neg])
@@ -64,8 +68,8 @@ def _forces(free: ca.SX, influence: ca.SX, pos: ca.SX, neg: ca.SX, modes: ca.SX)
     rows, right = [], []
     for i in range(n):
         stuck = modes[i] == 0
-        # several frictions on one rigid body hold it together; a small slope makes their shares unique
-        slope = 1e-9 * influence[i, i] if n > 1 else 0
+        # three frictions between two bodies have no unique shares; a small slope makes them so
+        slope = MARGIN * influence[i, i] if n > 2 else 0
         unit = ca.SX.zeros(1, n)
         unit[i] = 1
         hold = ca.SX(influence[i, :])
@@ -95,5 +99,5 @@ def _release(holding: ca.Function, arguments: list[ca.SX], x: ca.SX, modes: ca.S
     stuck = modes == 0
     over = ca.if_else(stuck, ca.fmax((force - pos) / (pos + 1e-300), (-force - neg) / (neg + 1e-300)), -1)
     worst = ca.mmax(over)
-    slides = ca.logic_and(over >= worst, over > -1e-9)
+    slides = ca.logic_and(over >= worst, over > -MARGIN)
     return ca.if_else(slides, ca.if_else(force > 0, 1, -1), modes)

@@ -1,4 +1,7 @@
-"""Component tree -> FlatSystem: dotted names, connection sets, balance."""
+"""Component tree -> FlatSystem: dotted names, connection sets, balance.
+
+Ports that nothing joins, those of the whole model too, pass no flow.
+"""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -6,24 +9,23 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
+from cartpend_dae.collector import Collector, collecting
 from cartpend_dae.errors import ModelError
 from cartpend_dae.graph import DisjointSets
 from cartpend_dae.language import (
-    Collector,
     Component,
     Connection,
     Initial,
     Statement,
     attached_to,
     bindings_of,
-    collecting,
     parameters_of,
     parts_of,
     symbols_of,
     used_ports_of,
     variables_of,
 )
-from cartpend_dae.quantities import Flow, Port, Signal
+from cartpend_dae.quantities import Flow, Port, Signal, state_of
 from cartpend_dae.system import FlatSystem, Frictions, Initials, Kind, Parameter, Variable
 
 
@@ -61,9 +63,12 @@ def flatten(model: Component) -> FlatSystem:
     Raises
     ------
     ModelError
-        For an equation that is none, a symbol of a foreign component, or unequal numbers of
-        equations and unknowns; components are named.
+        For an equation that is none, a symbol of a foreign component, a signal with two sources, or unequal
+        numbers of equations and unknowns; components are named.
     """
+    if not isinstance(model, Component):
+        found = f"the class `{model.__name__}`" if isinstance(model, type) else f"{model!r}"
+        raise ModelError(f"A model is a component that was made, such as `Mass(m=1.0)`, not {found}.")
     tables = _Tables()
     for path, component in _walk(model, ""):
         _declare(tables, path, component)
@@ -71,6 +76,8 @@ def flatten(model: Component) -> FlatSystem:
     with collecting(collector):
         for path, component in tables.components:
             _collect(tables, collector, path, component)
+    for path, component in tables.components:
+        _declare_parameters(tables, path, component)
     inputs = _connect(tables)
     _check_balance(tables, inputs, type(model).__name__)
     return _freeze(tables, collector, inputs, type(model).__name__)
@@ -102,11 +109,21 @@ def _declare(tables: _Tables, path: str, component: Component) -> None:
             kind = "flow" if isinstance(quantity, Flow) else "potential"
             variable = Variable(f"{prefix}{port_name}.{name}", kind, quantity.declaration)
             _add_variable(tables, variable, getattr(port, name))
+
+
+def _declare_parameters(tables: _Tables, path: str, component: Component) -> None:
+    """Note the parameters, after the equations, which may ask `is_zero`."""
+    built_as_zero = state_of(component).built_as_zero
     for name, declared in parameters_of(type(component)).items():
-        binding = bindings_of(component)[name]
-        bound = ca.SX(binding)
+        dotted = f"{path}.{name}" if path else name
+        bound = ca.SX(bindings_of(component)[name])
+        if name in built_as_zero and not bound.is_zero():
+            raise ModelError(
+                f"`{dotted}` was 0 when `{path or type(component).__name__}` was made, so that the part it belongs "
+                f"to does not exist; set it in the constructor."
+            )
         value = float(ca.DM(bound)) if bound.is_constant() else None
-        tables.parameters.append(Parameter(prefix + name, declared.declaration, value))
+        tables.parameters.append(Parameter(dotted, declared.declaration, value, name in built_as_zero))
         tables.parameter_symbols.append(getattr(component, name))
         tables.bindings.append(bound)
 
@@ -166,8 +183,8 @@ def _join(tables: _Tables, path: str, component: Component | None, connection: C
         if isinstance(end, Port):
             if id(end.owner) not in tables.path_of:
                 raise ModelError(
-                    f"`connect` in `{where}` names a port `{end.name}` of a "
-                    f"{type(end.owner).__name__} that is no part of the model: store it in an attribute in `__post_init__`."
+                    f"`connect` in `{where}` names a port `{end.name}` of a {type(end.owner).__name__} "
+                    f"that is no part of the model: store it in an attribute in `__post_init__`."
                 )
             side = "outside" if end.owner is component else "inside"
             keys.append((tables.path_of[id(end.owner)], end.name, side))
@@ -188,7 +205,7 @@ def _join(tables: _Tables, path: str, component: Component | None, connection: C
 def _connect(tables: _Tables) -> tuple[int, ...]:
     """Add the equations of all connection sets and return the variables that are inputs of the model."""
     for path, name in tables.ports:
-        tables.sets.find((path, name, "inside")) if path else None
+        tables.sets.find((path, name, "inside"))
     for members in tables.sets.sets():
         _port_equations(tables, members)  # type: ignore[arg-type]
     undriven = {i for i, variable in enumerate(tables.variables) if variable.kind == "input"}
@@ -196,15 +213,27 @@ def _connect(tables: _Tables) -> tuple[int, ...]:
     for members in tables.signal_sets.sets():
         indices = sorted((int(i) for i in members), key=lambda i: (tables.variables[i].name.count("."), i))  # type: ignore[call-overload]
         outputs = [i for i in indices if tables.variables[i].kind in ("output", "variable")]
+        sources = [i for i in outputs if i not in tables.driven_inside] or outputs[-1:]
+        if len(sources) > 1:
+            raise ModelError(_two_sources(tables, sources, indices))
         undriven -= set(indices)
-        source = outputs[-1] if outputs else indices[0]
-        if not outputs:
+        source = sources[0] if sources else indices[0]
+        tables.driven_inside.discard(source)
+        if not sources:
             external.append(source)
         for index in indices:
             if index != source:
                 tables.residuals.append(tables.symbols[index] - tables.symbols[source])
                 tables.origins.append(_set_name([tables.variables[source].name, tables.variables[index].name]))
     return tuple(sorted(undriven | set(external)))
+
+
+def _two_sources(tables: _Tables, sources: list[int], members: list[int]) -> str:
+    driving, driven = (
+        " and ".join(f"`{tables.variables[i].name}`" for i in chosen)
+        for chosen in (sources, [i for i in members if i not in sources])
+    )
+    return f"The outputs {driving} {f'drive the same signal, {driven}' if driven else 'are joined'}: keep one of them."
 
 
 def _port_equations(tables: _Tables, members: list[tuple[str, str, str]]) -> None:
@@ -238,7 +267,7 @@ def _check_balance(tables: _Tables, inputs: tuple[int, ...], name: str) -> None:
     counts = f"{name} has {len(tables.residuals)} equations for {n_unknowns} unknowns"
     listing = "\n".join(f"  - {finding}" for finding in findings)
     if not findings:
-        listing = "  - every component is balanced: look for a signal that two outputs drive"
+        listing = "  - every component is balanced by itself: look at what is connected"
     raise ModelError(f"{counts}; look here:\n{listing}")
 
 
@@ -269,10 +298,11 @@ def _local_findings(tables: _Tables) -> Iterator[str]:
 def _freeze(tables: _Tables, collector: Collector, inputs: tuple[int, ...], name: str) -> FlatSystem:
     derivatives, symbols, zero = _derivatives(tables, collector)
     residual = ca.vertcat(*tables.residuals) if tables.residuals else ca.SX(0, 1)
-    frictions = _frictions(tables, collector)
+    f = _frictions(tables, collector)
     initials = ca.vertcat(*[_residual(i.equation, o) for o, i in tables.initials]) if tables.initials else ca.SX(0, 1)
-    if zero:
-        residual, initials = ca.substitute([residual, initials], zero, [ca.SX(0)] * len(zero))
+    residual, initials, speed, level_pos, level_neg = ca.substitute(
+        [residual, initials, f.speed, f.level_pos, f.level_neg], zero, [ca.SX(0)] * len(zero)
+    )
     flat = FlatSystem(
         name=name,
         components=tuple((path, type(component).__name__) for path, component in tables.components),
@@ -285,7 +315,7 @@ def _freeze(tables: _Tables, collector: Collector, inputs: tuple[int, ...], name
         parameter_bindings=ca.vertcat(*tables.bindings) if tables.bindings else ca.SX(0, 1),
         time=collector.time,
         inputs=inputs,
-        frictions=frictions,
+        frictions=Frictions(f.places, f.force, speed, level_pos, level_neg),
         residual=residual,
         origins=tuple(tables.origins),
         initials=Initials(initials, tuple(i.fixed for _, i in tables.initials), tuple(o for o, _ in tables.initials)),
@@ -338,7 +368,9 @@ def _frictions(tables: _Tables, collector: Collector) -> Frictions:
 
 def _check_symbols(flat: FlatSystem) -> None:
     known = ca.vertcat(flat.symbols, flat.derivative_symbols, flat.parameter_symbols, flat.time, flat.frictions.force)
-    foreign = _foreign(ca.vertcat(flat.residual, flat.parameter_bindings), known)
+    f = flat.frictions
+    used = (flat.residual, flat.parameter_bindings, flat.initials.residual, f.speed, f.level_pos, f.level_neg)
+    foreign = _foreign(ca.vertcat(*used), known)
     if foreign:
         listing = ", ".join(f"`{symbol}`" for symbol in foreign)
         raise ModelError(

@@ -14,6 +14,7 @@ U. M. Ascher, H. Chin, S. Reich, Numer. Math. 67 (1994), 131-149, doi:10.1007/s0
 """
 
 from dataclasses import replace
+from typing import NoReturn
 
 import casadi as ca
 import numpy as np
@@ -43,6 +44,8 @@ def reduce_index(aliased: AliasedSystem) -> IndexedSystem:
     wanted: dict[int, int] = {}
     for base, order in aliased.keys:
         wanted[base] = max(order, wanted.get(base, 0))
+        if base in inputs and order > 0:
+            _refuse_input_derivative(aliased, base)
     bases = [base for base in wanted if base not in inputs]
     column_of = {base: j for j, base in enumerate(bases)}
     entries = _signature(aliased, column_of)
@@ -162,15 +165,18 @@ def _total_derivative(aliased: AliasedSystem, equations: list[int]) -> ca.SX:
     keys = [aliased.keys[k] for k in used]
     for base, _ in keys:
         if base in flat.inputs:
-            name = flat.variables[base].name
-            raise StructureError(
-                f"{flat.name} needs the derivative of its input `{name}`: a motion is prescribed without its speed. "
-                f"Drive it by a force or through a spring, or supply the input's derivative as well."
-            )
+            _refuse_input_derivative(aliased, base)
     lower = ca.vertcat(*[table[key] for key in keys]) if keys else ca.SX(0, 1)
     upper = ca.vertcat(*[table[base, order + 1] for base, order in keys]) if keys else ca.SX(0, 1)
     moved = ca.jtimes(residual, lower, upper) if keys else ca.SX.zeros(len(equations))
     return moved + ca.jacobian(residual, flat.time)
+
+
+def _refuse_input_derivative(aliased: AliasedSystem, base: int) -> NoReturn:
+    raise StructureError(
+        f"{aliased.flat.name} needs the derivative of its input `{aliased.flat.variables[base].name}`: a motion is "
+        f"prescribed without its speed. Drive it by a force or through a spring, or supply its derivative as well."
+    )
 
 
 def _dummy_derivatives(

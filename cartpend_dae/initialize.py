@@ -1,12 +1,17 @@
 """Consistent start values: which state starts where, from fixed values, guesses and equations."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.linalg import spsolve
 
 from cartpend_dae.errors import SolverError
 from cartpend_dae.system import System
+
+Sparse = Any  # a scipy csr_array: scipy ships no types for its slices
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +24,7 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class _Conditions:
-    """Conditions in order of priority: residuals in (x, z), their ranks 0 (must hold) to 4, and names."""
+    """Conditions in order of priority: residuals in (x, z), their ranks 0 (must hold) to 6, and names."""
 
     residual: ca.SX
     priority: np.ndarray
@@ -57,28 +62,27 @@ def initialize(system: System, p: np.ndarray, u: np.ndarray, start: dict[str, fl
     function = ca.Function(
         "conditions",
         [unknowns, system.u, system.p, system.time],
-        [residual, ca.densify(ca.jacobian(residual, unknowns))],
+        [residual, ca.jacobian(residual, unknowns)],
     )
 
-    def evaluate(point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(point: np.ndarray) -> tuple[np.ndarray, Sparse]:
         r, j = function(point, u, p, time)
-        return np.asarray(r).ravel(), np.asarray(j)
+        return np.asarray(r).ravel(), csr_array(j.sparse())
 
-    point = np.zeros(n)
+    point = _first_guess(evaluate(np.zeros(n)), conditions.priority)
     chosen = np.zeros(0, dtype=int)
     for _ in range(50):
         r, j = evaluate(point)
-        if not (np.all(np.isfinite(r)) and np.all(np.isfinite(j))):
+        if not (np.all(np.isfinite(r)) and np.all(np.isfinite(j.data))):
             raise SolverError(
                 f"{system.name}: the start equations give no finite numbers at the guess; give start values."
             )
         chosen = _independent(j, n)
-        step = np.linalg.solve(j[chosen], -r[chosen])
+        step = _solve(j[chosen], -r[chosen])
         point = point + step
         if np.max(np.abs(step)) <= 1e-13 * max(1.0, float(np.max(np.abs(point)))):
             break
-    r, _ = evaluate(point)
-    _check(system, conditions, r, chosen, bool(start))
+    _check(system, conditions, evaluate(point), chosen)
     return Start(point[: system.x.numel()], point[system.x.numel() :])
 
 
@@ -94,44 +98,71 @@ def _conditions(system: System, start: dict[str, float]) -> _Conditions:
         residuals.append(system.initials.residual[i])
         priority.append(2 if fixed else 3)
         names.append(origin)
+    algebraics = set(system.algebraics)
     for i, variable in enumerate(system.variables):
         if variable.declaration.start is not None:
             residuals.append(system.outputs[i] - variable.declaration.start)
-            priority.append(3)
+            # of a variable that equations give, a start value only says which of several solutions is meant
+            priority.append(5 if variable.name in algebraics else 3)
             names.append(f"start of `{variable.name}`")
     residuals += [system.x, system.z]
-    priority += [4] * (system.x.numel() + system.z.numel())
+    priority += [4] * system.x.numel() + [6] * system.z.numel()
     names += [*system.states, *system.algebraics]
     order = np.argsort(np.array(priority), kind="stable")
     stacked = ca.vertcat(*residuals)
     return _Conditions(stacked[order.tolist()], np.array(priority)[order], tuple(names[i] for i in order))
 
 
-def _independent(jacobian: np.ndarray, n: int) -> np.ndarray:
-    """Choose the first n rows that are linearly independent of those before them (Gram-Schmidt)."""
-    basis = np.zeros((0, n))
+def _independent(jacobian: Sparse, n: int) -> np.ndarray:
+    """Choose the first n rows that are linearly independent of those before them (sparse elimination)."""
+    pivots: dict[int, dict[int, float]] = {}
     chosen = []
-    for i, row in enumerate(jacobian):
-        size = float(np.linalg.norm(row))
-        if size == 0.0:
+    for i in range(jacobian.shape[0]):
+        span = slice(jacobian.indptr[i], jacobian.indptr[i + 1])
+        row = dict(zip(jacobian.indices[span].tolist(), jacobian.data[span].tolist(), strict=True))
+        size = max((abs(value) for value in row.values()), default=0.0)
+        while (column := next((c for c in row if c in pivots), None)) is not None:
+            ratio = row.pop(column)
+            for other, value in pivots[column].items():
+                row[other] = row.get(other, 0.0) - ratio * value
+        row = {column: value for column, value in row.items() if abs(value) > 1e-9 * size}
+        if not row:
             continue
-        rest = row / size
-        rest = rest - basis.T @ (basis @ rest)
-        rest = rest - basis.T @ (basis @ rest)
-        if np.linalg.norm(rest) > 1e-9:
-            chosen.append(i)
-            basis = np.vstack([basis, rest / np.linalg.norm(rest)])
-            if len(chosen) == n:
-                break
+        pivot = max(row, key=lambda c: abs(row[c]))
+        lead = row.pop(pivot)
+        pivots[pivot] = {column: value / lead for column, value in row.items()}
+        chosen.append(i)
+        if len(chosen) == n:
+            break
     return np.array(chosen, dtype=int)
 
 
-def _check(system: System, conditions: _Conditions, r: np.ndarray, chosen: np.ndarray, overruled: bool) -> None:
-    """Refuse what must hold and does not; fixed initial equations may give way to the caller's start values."""
-    must = conditions.priority <= (1 if overruled else 2)
-    scale = 1e-8 * (1.0 + np.abs(r))
-    broken = np.flatnonzero(must & (np.abs(r) > scale))
-    if not broken.size:
+def _first_guess(at_zero: tuple[np.ndarray, Sparse], priority: np.ndarray) -> np.ndarray:
+    """Return the point that start values and guesses name, from which the equations themselves are then solved."""
+    residual, jacobian = at_zero
+    is_finite = np.isfinite(residual) & np.isfinite(jacobian.sum(axis=1))
+    named = np.flatnonzero((priority >= 1) & is_finite)
+    rows = named[_independent(csr_array(jacobian[named]), jacobian.shape[1])]
+    return _solve(jacobian[rows], -residual[rows])
+
+
+def _solve(matrix: Sparse, right: np.ndarray) -> np.ndarray:
+    solution: Any = spsolve(matrix.tocsc(), right)
+    return np.asarray(solution).ravel()
+
+
+def _check(system: System, conditions: _Conditions, at_end: tuple[np.ndarray, Sparse], chosen: np.ndarray) -> None:
+    """Refuse what must hold and does not; a fixed initial equation gives way only to the caller's start values."""
+    r, j = at_end
+    broken = [i for i in np.flatnonzero((conditions.priority <= 2) & (np.abs(r) > 1e-8 * (1.0 + np.abs(r)))).tolist()]
+    overruled = []
+    for i in broken:
+        weights = _solve(j[chosen].T, j[[i]].toarray().ravel())
+        by = chosen[np.abs(weights) > 1e-9 * np.abs(weights).max(initial=1.0)]
+        if conditions.priority[i] == 2 and np.any(conditions.priority[by] == 1):
+            overruled.append(i)
+    broken = [i for i in broken if i not in overruled]
+    if not broken:
         return
     bad = "; ".join(f"{conditions.names[i]} misses by {abs(r[i]):.3g}" for i in broken)
     used = ", ".join(conditions.names[i] for i in chosen if conditions.priority[i] <= 2)

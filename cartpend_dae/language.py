@@ -13,14 +13,12 @@ Between symbols ``==`` makes an equation. Nothing here knows how equations are s
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal, TypeVar, dataclass_transform
 
 import casadi as ca
-import numpy as np
 
+from cartpend_dae.collector import DryFriction, collector_of
 from cartpend_dae.errors import ModelError
 from cartpend_dae.quantities import (
     Declaration,
@@ -33,6 +31,7 @@ from cartpend_dae.quantities import (
     Signal,
     Var,
     declared,
+    is_number,
     state_of,
 )
 
@@ -122,77 +121,33 @@ class Initial:
 
 
 Statement = ca.SX | Connection | Initial
-
-
 Statements = Iterator[Statement]
 
 
-@dataclass(frozen=True, slots=True)
-class DryFriction:
-    """A set-valued force: `level_pos` or `-level_neg` while sliding, anything between while stuck."""
-
-    force: ca.SX
-    speed: ca.SX
-    level_pos: ca.SX
-    level_neg: ca.SX
-
-
-@dataclass(slots=True)
-class Collector:
-    """What `der`, `time` and `dry_friction` note while equations are collected.
-
-    `derivatives` maps the element hash of a symbol to (symbol, its derivative).
-    """
-
-    time: ca.SX
-    derivatives: dict[int, tuple[ca.SX, ca.SX]] = field(default_factory=dict)
-    frictions: list[DryFriction] = field(default_factory=list)
-
-
-_collector: ContextVar[Collector] = ContextVar("collector")
-
-
-@contextmanager
-def collecting(collector: Collector) -> Iterator[Collector]:
-    """Make `collector` the one that `der`, `time` and `dry_friction` write to."""
-    token = _collector.set(collector)
-    try:
-        yield collector
-    finally:
-        _collector.reset(token)
-
-
-def _current(what: str) -> Collector:
-    try:
-        return _collector.get()
-    except LookupError:
-        raise ModelError(f"`{what}` has a meaning inside `equations` only, while a model is assembled.") from None
-
-
-def der(expression: ca.SX) -> ca.SX:
+def der(expression: Expression) -> ca.SX:
     """Return the derivative with respect to time [unit of the expression / s].
 
     Parameters
     ----------
     expression
         A scalar variable, a derivative (``der(der(x))``) or an expression of them, which is
-        differentiated by the chain rule.
+        differentiated by the chain rule; the derivative of a number is 0.
 
     Raises
     ------
     ModelError
-        Outside of `equations`.
+        Outside of `equations`, and for what is no scalar expression.
     """
-    collector = _current("der")
+    collector = collector_of("der")
+    if is_number(expression):
+        return ca.SX(0)
+    if not isinstance(expression, ca.SX) or not expression.is_scalar():
+        raise ModelError(f"`der` takes a variable or a scalar expression of variables, not {expression!r}.")
     if not expression.is_symbolic():
-        total = ca.SX(0)
-        for symbol in ca.symvar(expression):
-            if symbol.element_hash() == collector.time.element_hash():
-                total += ca.gradient(expression, symbol)
-            else:
-                total += ca.gradient(expression, symbol) * der(symbol)
-        return total
+        return sum((ca.gradient(expression, symbol) * der(symbol) for symbol in ca.symvar(expression)), ca.SX(0))
     key = expression.element_hash()
+    if key == collector.time.element_hash():
+        return ca.SX(1)
     if key not in collector.derivatives:
         collector.derivatives[key] = (expression, ca.SX.sym(f"der({expression.name()})"))
     return collector.derivatives[key][1]
@@ -200,7 +155,7 @@ def der(expression: ca.SX) -> ca.SX:
 
 def time() -> ca.SX:
     """Return the time since the start of the simulation [s]."""
-    return _current("time").time
+    return collector_of("time").time
 
 
 def dry_friction(speed: ca.SX, level: Expression, level_neg: Expression | None = None) -> ca.SX:
@@ -222,7 +177,7 @@ def dry_friction(speed: ca.SX, level: Expression, level_neg: Expression | None =
     """
     force = ca.SX.sym("dry_friction")
     other = level if level_neg is None else level_neg
-    _current("dry_friction").frictions.append(DryFriction(force, ca.SX(speed), ca.SX(level), ca.SX(other)))
+    collector_of("dry_friction").frictions.append(DryFriction(force, ca.SX(speed), ca.SX(level), ca.SX(other)))
     return force
 
 
@@ -232,8 +187,15 @@ def connect(*ends: Port | ca.SX) -> Connection:
     Raises
     ------
     ModelError
-        For fewer than two ends, for a port joined to a signal, or for ports of different classes.
+        For fewer than two ends, for what is neither a port nor a signal, for a port joined to a signal, or for
+        ports of different classes.
     """
+    for end in ends:
+        if not isinstance(end, Port | ca.SX):
+            raise ModelError(
+                f"`connect` names {_end_name(end)}, which is neither a port nor a signal: "
+                f"write `connect(part.port, other.port)`."
+            )
     if len(ends) < 2:
         raise ModelError("`connect` joins at least two ports or signals.")
     kinds = {type(end) for end in ends}
@@ -243,10 +205,12 @@ def connect(*ends: Port | ca.SX) -> Connection:
     return Connection(ends)
 
 
-def _end_name(end: Port | ca.SX) -> str:
+def _end_name(end: object) -> str:
     if isinstance(end, Port):
         return f"`{type(end.owner).__name__}.{end.name}` ({type(end).__name__})"
-    return f"`{end}` (signal)"
+    if isinstance(end, Component):
+        return f"a component {type(end).__name__}"
+    return f"`{end}` (signal)" if isinstance(end, ca.SX) else repr(end)
 
 
 def initial(equation: ca.SX, *, fixed: bool = True) -> Initial:
@@ -268,7 +232,7 @@ class Component:
 
     A subclass declares quantities and ports, makes its parts in `__post_init__` and yields its
     equations from `equations`. Parts are the components found in its attributes, also in lists,
-    tuples and dictionaries; their names are the names of the attributes.
+    tuples and dictionaries (``grid[0][1]``); their names are the names of the attributes.
 
     Raises
     ------
@@ -285,8 +249,6 @@ class Component:
             raise TypeError(_argument_sentence(cls, unknown, missing, list(fields)))
         declared = parameters_of(cls)
         for name, value in arguments.items():
-            if name in declared:
-                _check_number(cls, name, value)
             setattr(self, name, value)
         for name, declaration in declared.items():
             if name not in arguments:
@@ -301,8 +263,14 @@ class Component:
         yield from ()
 
     def is_zero(self, name: str) -> bool:
-        """True if the parameter was set to the number 0, so that the part need not exist."""
-        return ca.SX(bindings_of(self)[name]).is_zero()
+        """True if the parameter was set to the number 0, so that the part need not exist.
+
+        A model built without the part refuses other values of the parameter afterwards.
+        """
+        is_zero = ca.SX(bindings_of(self)[name]).is_zero()
+        noted = state_of(self).built_as_zero
+        noted.add(name) if is_zero else noted.discard(name)
+        return is_zero
 
     def attach(self, name: str, part: C, *connections: Connection) -> C:
         """Add a part from outside under `name`, joined by `connections`, and return it.
@@ -310,22 +278,12 @@ class Component:
         Raises
         ------
         ModelError
-            If a part of that name is attached already.
+            If there is a part of that name, made by the model or attached before.
         """
-        attached = state_of(self).attached
-        if name in attached:
-            raise ModelError(f"A part named `{name}` is attached already to this {type(self).__name__}.")
-        attached[name] = (part, connections)
+        if name in parts_of(self):
+            raise ModelError(f"This {type(self).__name__} has a part `{name}` already; attach it under another name.")
+        state_of(self).attached[name] = (part, connections)
         return part
-
-
-def _check_number(cls: type, name: str, value: object) -> None:
-    if isinstance(value, ca.SX):
-        if value.is_scalar():
-            return
-    elif (isinstance(value, float | int) and not isinstance(value, bool)) or isinstance(value, np.number):
-        return
-    raise TypeError(f"{cls.__name__}: `{name}` must be a number or an expression of parameters, not {value!r}.")
 
 
 def _argument_sentence(cls: type, unknown: list[str], missing: list[str], known: list[str]) -> str:
@@ -367,15 +325,17 @@ def ports_of(cls: type) -> dict[str, PortField[Any]]:
 
 def parts_of(component: Component) -> dict[str, Component]:
     """Return the parts of a component by name, in the order of their making."""
-    parts: dict[str, Component] = {}
-    for name, value in vars(component).items():
-        if isinstance(value, Component):
-            parts[name] = value
-        elif isinstance(value, list | tuple):
-            parts.update({f"{name}[{i}]": item for i, item in enumerate(value) if isinstance(item, Component)})
-        elif isinstance(value, dict):
-            parts.update({f"{name}[{key}]": item for key, item in value.items() if isinstance(item, Component)})
-    return parts | {name: part for name, (part, _) in state_of(component).attached.items()}
+    made = {name: part for key, value in vars(component).items() for name, part in _parts_in(key, value)}
+    return made | {name: part for name, (part, _) in attached_to(component).items()}
+
+
+def _parts_in(name: str, value: object) -> Iterator[tuple[str, Component]]:
+    """Yield the components of an attribute; lists, tuples and dictionaries may stand in each other."""
+    if isinstance(value, Component):
+        yield name, value
+    elif isinstance(value, list | tuple | dict):
+        for key, item in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _parts_in(f"{name}[{key}]", item)
 
 
 def symbols_of(instance: Component | Port) -> dict[str, ca.SX]:

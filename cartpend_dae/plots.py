@@ -18,8 +18,7 @@ from cartpend_dae.assess import Assessment, RunError
 from cartpend_dae.data import Trajectory
 from cartpend_dae.discover.records import Candidate, Search
 from cartpend_dae.discover.search import MIN_BIC_GAIN, MIN_SHARE
-from cartpend_dae.report.result import all_candidates
-from cartpend_dae.report.text import effect_name, for_people
+from cartpend_dae.report.text import all_candidates, effect_name, for_people
 from cartpend_dae.system import System
 
 DPI = 130

@@ -1,9 +1,12 @@
 """Declared quantities and ports as Python descriptors: on a class a declaration, on an instance a symbol."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Never, Self, TypeVar, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Never, Self, TypeGuard, TypeVar, overload
 
 import casadi as ca
+import numpy as np
+
+from cartpend_dae.errors import ModelError
 
 if TYPE_CHECKING:
     from cartpend_dae.language import Component, Connection
@@ -33,12 +36,21 @@ class Declaration:
 
 @dataclass(slots=True)
 class InstanceState:
-    """The symbols, ports and parameter bindings of one component or port."""
+    """The symbols, ports and parameter bindings of one component or port.
+
+    `built_as_zero` names the parameters that were 0 when `Component.is_zero` was asked.
+    """
 
     symbols: dict[str, ca.SX] = field(default_factory=dict)
     bindings: dict[str, Expression] = field(default_factory=dict)
     ports: dict[str, "Port"] = field(default_factory=dict)
     attached: dict[str, tuple["Component", tuple["Connection", ...]]] = field(default_factory=dict)
+    built_as_zero: set[str] = field(default_factory=set)
+
+
+def is_number(value: object) -> TypeGuard[float]:
+    """True for a real number of Python or numpy; a truth value, a text or an array is none."""
+    return isinstance(value, float | int | np.integer | np.floating) and not isinstance(value, bool)
 
 
 def state_of(instance: object) -> InstanceState:
@@ -86,6 +98,11 @@ class Param(Quantity):
     """A parameter: constant in time, set in the constructor by a number or an expression of the parent's parameters."""
 
     def __set__(self, instance: object, value: Expression) -> None:
+        if not is_number(value) and not (isinstance(value, ca.SX) and value.is_scalar()):
+            raise TypeError(
+                f"{type(instance).__name__}: `{self.name}` must be a number or an expression of parameters, "
+                f"not {value!r}."
+            )
         state_of(instance).bindings[self.name] = value
 
 
@@ -148,8 +165,15 @@ class Port:
     name: str
 
     def __init_subclass__(cls) -> None:
-        """Collect the declared quantities of the class."""
+        """Collect the declared quantities of the class; a flow belongs to each potential, or joints have no balance."""
         cls.quantities = declared(cls, Computed)
+        flows = [name for name, quantity in cls.quantities.items() if isinstance(quantity, Flow)]
+        potentials = [name for name in cls.quantities if name not in flows]
+        if len(flows) != len(potentials):
+            raise ModelError(
+                f"Port {cls.__name__} has {len(potentials)} `var` ({', '.join(potentials) or 'none'}) and "
+                f"{len(flows)} `flow` ({', '.join(flows) or 'none'}): declare as many of one as of the other."
+            )
 
     @classmethod
     def _make(cls, owner: "Component", name: str) -> Self:

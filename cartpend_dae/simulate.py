@@ -2,8 +2,10 @@
 
 import contextlib
 import io
+import math
+import reprlib
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import casadi as ca
 import numpy as np
@@ -14,8 +16,18 @@ from cartpend_dae.data import Trajectory
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.events import HybridFriction, friction_events
 from cartpend_dae.initialize import Start, initialize
-from cartpend_dae.inputs import DrivenInputs, Input, driven_inputs, input_values, inputs_at, with_knots
+from cartpend_dae.inputs import (
+    DrivenInputs,
+    Input,
+    checked_inputs,
+    driven_inputs,
+    input_values,
+    inputs_at,
+    refined,
+    with_knots,
+)
 from cartpend_dae.language import Component
+from cartpend_dae.quantities import is_number
 from cartpend_dae.stepping import runge_kutta
 from cartpend_dae.system import System
 
@@ -60,7 +72,8 @@ def simulate(
         variables, rosenbrock with events where there is dry friction. ``"rk4"`` is the classical Runge-Kutta
         method with the fixed `step`.
     step
-        Step of ``"rk4"`` [s]; output intervals are divided into equal steps no longer than this.
+        Step of ``"rk4"`` [s]; output intervals are divided into equal steps no longer than this. Without `times`
+        every step is an output time, and the last one is shorter where `stop` is no multiple of it.
     rtol, atol
         Relative and absolute tolerance of the adaptive methods.
 
@@ -72,38 +85,80 @@ def simulate(
     Raises
     ------
     ModelError
-        For an unknown name, a missing input, or output times that do not increase.
+        For an unknown name or method, what is no finite number, a missing input, output times that do not
+        increase, or dry friction that cannot be: with a negative level, or between points that never move.
     SolverError
         If no consistent start exists or the integration fails.
     """
     system = assemble(model)
-    grid = _grid(stop, times, points, step if method == "rk4" and times is None else None)
-    p = parameter_vector(system, dict(parameters or {}))
+    _check_method(method, step, {"rtol": rtol, "atol": atol})
+    grid = _grid(stop, times, points, step if method == "rk4" else None)
+    p = parameter_vector(system, _named("parameters", parameters))
     check_bounds(system, p)
-    fine = with_knots(grid, inputs or {})
-    driven = driven_inputs(system, inputs or {}, fine)
+    every = checked_inputs(system, _named("inputs", inputs))
+    fine = with_knots(grid, every)
+    driven = driven_inputs(every, fine)
     u_0 = input_values(driven, fine[:1], driven.left[:, :1])[:, 0]
-    begin = initialize(system, p, u_0, dict(start or {}), float(grid[0]))
+    begin = initialize(system, p, u_0, _start_values(start), float(grid[0]))
     _check_start(system, begin, u_0, p, float(grid[0]))
-    if method == "rk4":
+    _check_frictions(system, begin, u_0, p, float(grid[0]))
+    if method == "rk4" and step is not None:
         x, z, modes = _fixed_steps(system, begin, driven, p, fine, step)
     else:
         x, z, modes = _adaptive(system, begin, driven, p, fine, method, rtol, atol)
     return _trajectory(system, fine, grid, x, z, modes, driven, p)
 
 
+def _check_method(method: str, step: float | None, tolerances: dict[str, float]) -> None:
+    if method not in get_args(Method):
+        known = ", ".join(f"`{name}`" for name in get_args(Method))
+        raise ModelError(f"There is no method {method!r}; choose one of {known}.")
+    if (step is None and method == "rk4") or not (step is None or _is_positive(step)):
+        raise ModelError(f"Method `rk4` needs a positive `step` in seconds, not {step!r}.")
+    for name, value in tolerances.items():
+        if not _is_positive(value):
+            raise ModelError(f"The tolerance `{name}` must be a positive number, not {value!r}.")
+
+
+def _is_positive(value: object) -> bool:
+    return is_number(value) and 0 < value < math.inf
+
+
+def _named(argument: str, values: Mapping[str, Any] | None) -> dict[str, Any]:
+    if values is not None and not isinstance(values, Mapping):
+        raise ModelError(f"`{argument}` must be a dictionary of names and values, not {reprlib.repr(values)}.")
+    return dict(values or {})
+
+
+def _start_values(start: Mapping[str, float] | None) -> dict[str, float]:
+    values = _named("start", start)
+    for name, value in values.items():
+        if not is_number(value):
+            raise ModelError(f"The start value of `{name}` must be a number, not {value!r}.")
+    return values
+
+
 def _grid(
     stop: float | None, times: Sequence[float] | np.ndarray | None, points: int, step: float | None
 ) -> np.ndarray:
     if times is not None:
-        grid = np.asarray(times, dtype=float)
+        try:
+            grid = np.asarray(times, dtype=float)
+        except (TypeError, ValueError):
+            raise ModelError(f"The output `times` must be numbers in seconds, not {reprlib.repr(times)}.") from None
     elif stop is None:
         raise ModelError("`simulate` needs `stop`, the end of the simulation in seconds, or output `times`.")
+    elif not is_number(stop):
+        raise ModelError(f"`stop` must be a number, the end of the simulation in seconds, not {stop!r}.")
+    elif not isinstance(points, int | np.integer):
+        raise ModelError(f"`points` must be a whole number of output times, not {points!r}.")
+    elif not _is_positive(stop):
+        grid = np.zeros(0)
     elif step is not None:
-        grid = np.arange(round(stop / step) + 1) * step
+        grid = np.append(np.arange(math.ceil(stop / step - 1e-9)) * step, stop)
     else:
-        grid = np.linspace(0.0, stop, points)
-    if grid.ndim != 1 or grid.size < 2 or not np.all(np.diff(grid) > 0):
+        grid = np.linspace(0.0, stop, max(points, 0))
+    if grid.ndim != 1 or grid.size < 2 or not np.all(np.isfinite(grid)) or not np.all(np.diff(grid) > 0):
         raise ModelError("`simulate` needs at least two output times that increase strictly; check `stop` and `times`.")
     return grid
 
@@ -117,6 +172,30 @@ def _check_start(system: System, start: Start, u: np.ndarray, p: np.ndarray, tim
             f"{system.name}: the derivative of {listing} is not finite at the start: a mass, inertia, inductance "
             f"or ratio is zero. Check the parameters in its equation (`cartpend check` prints it)."
         )
+
+
+def _check_frictions(system: System, start: Start, u: np.ndarray, p: np.ndarray, time: float) -> None:
+    """Refuse dry friction whose speed nothing can change, or whose level is negative at the start."""
+    f, findings = system.frictions, []
+    moving = ca.vertcat(system.x, system.z, system.u, system.time)
+    moves = ca.which_depends(f.speed, moving, 1, True) if f.places else []
+    arguments = [system.time, system.x, system.z, system.u, system.p, f.force]
+    levels = ca.Function("levels", arguments, [f.level_pos, f.level_neg])
+    values = levels(time, start.x, start.z, u, p, np.zeros(len(f.places)))
+    for place, is_moving, *pair in zip(f.places, moves, *(np.asarray(v).ravel() for v in values), strict=True):
+        if not is_moving:
+            findings.append(
+                f"the dry friction at `{place}` stands between points that never move against each other, so that "
+                f"nothing determines its force: connect it to a body that moves, or leave it out"
+            )
+        findings += [
+            f"the dry friction at `{place}` has the level {level:g} at the start ({time:g} s), but a level is not "
+            f"negative: check what it is computed from"
+            for level in sorted(set(pair))
+            if not level >= 0
+        ]
+    if findings:
+        raise ModelError(f"{system.name}: {'; '.join(sorted(findings))}.")
 
 
 def _adaptive(
@@ -219,35 +298,31 @@ def _start_modes(
 
 
 def _algebraic_only(system: System, start: Start, driven: DrivenInputs, p: np.ndarray, grid: np.ndarray) -> np.ndarray:
-    """Solve a model without states at each output time, from the solution before."""
+    """Solve a model without states at each output time."""
     z = np.zeros((start.z.size, grid.size))
-    guess = start.z
-    for k, time in enumerate(grid):
-        u = inputs_at(driven, grid)[:, k]
-        z[:, k] = initialize(system, p, u, dict(zip((), guess, strict=False)), float(time)).z if start.z.size else guess
+    u = inputs_at(driven, grid)
+    for k, time in enumerate(grid if start.z.size else []):
+        z[:, k] = initialize(system, p, u[:, k], {}, float(time)).z
     return z
 
 
 def _fixed_steps(
-    system: System, start: Start, driven: DrivenInputs, p: np.ndarray, grid: np.ndarray, step: float | None
+    system: System, start: Start, driven: DrivenInputs, p: np.ndarray, grid: np.ndarray, step: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    if step is None or step <= 0:
-        raise ModelError("Method `rk4` needs a positive `step` in seconds.")
-    widths = np.diff(grid)
-    substeps = max(1, int(np.ceil(widths.max() / step - 1e-9)))
-    function = runge_kutta(system, substeps=substeps).function
-    right = driven.left + driven.slope * widths
-    left = input_values(driven, grid[:-1], driven.left)
-    right = input_values(driven, grid[1:], right)
-    run = function.mapaccum("run", grid.size - 1, ["x"], ["x_next"])
-    result = run(t=grid[:-1], h=widths, x=start.x, u_a=left, u_b=right, p=np.tile(p[:, None], grid.size - 1))
+    """Step over the grid, divided into steps no longer than `step`; return the same as `_adaptive`."""
+    times, inputs, where = refined(driven, grid, step)
+    widths = np.diff(times)
+    left = input_values(inputs, times[:-1], inputs.left)
+    right = input_values(inputs, times[1:], inputs.left + inputs.slope * widths)
+    run = runge_kutta(system).function.mapaccum("run", widths.size, ["x"], ["x_next"])
+    result = run(t=times[:-1], h=widths, x=start.x, u_a=left, u_b=right, p=np.tile(p[:, None], widths.size))
     x = np.column_stack([start.x, np.asarray(result["x_next"])])
     if not np.all(np.isfinite(x)):
-        first = grid[int(np.flatnonzero(~np.isfinite(x).all(axis=0))[0])]
+        first = times[int(np.flatnonzero(~np.isfinite(x).all(axis=0))[0])]
         raise SolverError(
             f"{system.name}: rk4 with step {step:g} s is unstable: not finite from {first:g} s on; use a smaller step."
         )
-    return x, np.zeros((0, grid.size)), np.zeros((0, grid.size))
+    return x[:, where], np.zeros((0, grid.size)), np.zeros((0, grid.size))
 
 
 def _trajectory(

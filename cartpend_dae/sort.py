@@ -5,12 +5,11 @@ their unknowns are solved here, symbolically; the others remain as algebraic equ
 """
 
 from collections import defaultdict
-from fractions import Fraction
 
 import casadi as ca
 import numpy as np
 
-from cartpend_dae.alias import nonzeros, symbolic
+from cartpend_dae.alias import coefficient_column, nonzeros, relation_values
 from cartpend_dae.errors import StructureError
 from cartpend_dae.graph import blocks, matching
 from cartpend_dae.system import (
@@ -20,7 +19,6 @@ from cartpend_dae.system import (
     Frictions,
     IndexedSystem,
     Initials,
-    Relation,
     StateRelation,
     System,
 )
@@ -50,12 +48,12 @@ def sort(indexed: IndexedSystem) -> System:
     labels = [names[key] for key in indexed.unknowns]
     solved, made, nonlinear = _solve_blocks(aliased, unknowns, labels)
     ode = [table[base, lower + 1] for base, lower in state_keys]
-    outputs = [_value(relation, table) for relation in aliased.relations]
+    outputs = relation_values([(relation, 0) for relation in aliased.relations], aliased.keys, aliased.symbols)
     friction = aliased.frictions
     groups = [
         _stack(ode),
         _stack([aliased.residual[i] for i, _ in nonlinear]),
-        _stack(outputs),
+        outputs,
         friction.speed,
         friction.level_pos,
         friction.level_neg,
@@ -129,12 +127,6 @@ def _names(aliased: AliasedSystem) -> dict[tuple[int, int], str]:
         if key not in best or score < best[key]:
             best[key], names[key] = score, variable.name
     return names
-
-
-def _value(relation: Relation, table: dict[tuple[int, int], ca.SX]) -> ca.SX:
-    if relation.base < 0:
-        return symbolic(relation.offset)
-    return symbolic(relation.factor) * table[relation.base, relation.order] + symbolic(relation.offset)
 
 
 def _solve_blocks(
@@ -214,6 +206,7 @@ def solve_linear(matrix: ca.SX, right: ca.SX, names: tuple[str, ...]) -> ca.SX:
         return right / matrix
     a = [[matrix[i, j] for j in range(n)] for i in range(n)]
     b = [right[i] for i in range(n)]
+    largest = max((abs(float(entry)) for line in a for entry in line if entry.is_constant()), default=0.0)
     rows, columns, steps = set(range(n)), set(range(n)), []
     while (pivot := _numeric_pivot(a, rows, columns)) is not None:
         i, j = pivot
@@ -223,7 +216,7 @@ def solve_linear(matrix: ca.SX, right: ca.SX, names: tuple[str, ...]) -> ca.SX:
         for k in [k for k in rows if not a[k][j].is_zero()]:
             ratio = a[k][j] / a[i][j]
             for m in columns:
-                a[k][m] = a[k][m] - ratio * a[i][m]
+                a[k][m] = _cancelled(a[k][m] - ratio * a[i][m], largest)
             b[k] = b[k] - ratio * b[i]
     x: dict[int, ca.SX] = {}
     if rows:
@@ -243,8 +236,13 @@ def solve_linear(matrix: ca.SX, right: ca.SX, names: tuple[str, ...]) -> ca.SX:
     return ca.vertcat(*[x[j] for j in range(n)])
 
 
+def _cancelled(entry: ca.SX, largest: float) -> ca.SX:
+    """Return zero for a number that only rounding has left."""
+    return ca.SX(0) if entry.is_constant() and abs(float(entry)) < 1e-13 * largest else entry
+
+
 def _numeric_pivot(a: list[list[ca.SX]], rows: set[int], columns: set[int]) -> tuple[int, int] | None:
-    """Choose a constant entry with the least fill (Markowitz count), none too small beside its column."""
+    """Choose the constant entry with the least fill (Markowitz count), and of several the nearest to 1."""
     best: tuple[int, int] | None = None
     best_cost = None
     row_count = {i: sum(not a[i][j].is_zero() for j in columns) for i in rows}
@@ -280,7 +278,7 @@ def _without_dependent_parameters(aliased: AliasedSystem, groups: list[ca.SX]) -
     return _back_substitute(list(zip(symbols, bindings, strict=True)), groups), independent
 
 
-def _state_relations(aliased: AliasedSystem, state_keys: list[tuple[int, int]]) -> dict[str, StateRelation]:
+def _state_relations(aliased: AliasedSystem, state_keys: tuple[tuple[int, int], ...]) -> dict[str, StateRelation]:
     position = {key: k for k, key in enumerate(state_keys)}
     coefficients: list[Coefficient] = []
     found: list[tuple[str, int]] = []
@@ -291,20 +289,24 @@ def _state_relations(aliased: AliasedSystem, state_keys: list[tuple[int, int]]) 
             coefficients += [relation.factor, relation.offset]
     if not found:
         return {}
-    values, _ = _without_dependent_parameters(aliased, [_stack([symbolic(c) for c in coefficients])])
+    values, _ = _without_dependent_parameters(aliased, [coefficient_column(coefficients)])
     elements = ca.vertsplit(values[0])
     return {name: StateRelation(state, elements[2 * k], elements[2 * k + 1]) for k, (name, state) in enumerate(found)}
 
 
 def _eliminated(aliased: AliasedSystem) -> tuple[str, ...]:
     """Return each eliminated variable and what it equals, in dotted names."""
-    coefficients = _stack([symbolic(c) for relation in aliased.relations for c in (relation.factor, relation.offset)])
+    coefficients = coefficient_column([c for relation in aliased.relations for c in (relation.factor, relation.offset)])
     renamed = _with_dotted_names(aliased, coefficients, {})
+
+    def text(value: Coefficient, position: int) -> str:
+        return str(renamed[position]) if isinstance(value, ca.SX) else f"{float(value):g}"
+
     lines = []
     for index, (variable, relation) in enumerate(zip(aliased.flat.variables, aliased.relations, strict=True)):
         if relation.base == index:
             continue
-        factor, offset = renamed[2 * index], renamed[2 * index + 1]
+        offset = text(relation.offset, 2 * index + 1)
         if relation.base < 0:
             lines.append(f"{variable.name} = {offset}")
             continue
@@ -312,13 +314,13 @@ def _eliminated(aliased: AliasedSystem) -> tuple[str, ...]:
         if _is_literal(relation.factor, -1):
             right = f"-{right}"
         elif not _is_literal(relation.factor, 1):
-            right = f"{factor} * {right}"
+            right = f"{text(relation.factor, 2 * index)} * {right}"
         lines.append(f"{variable.name} = {right}" + ("" if _is_literal(relation.offset, 0) else f" + {offset}"))
     return tuple(lines)
 
 
 def _is_literal(value: Coefficient, number: int) -> bool:
-    return isinstance(value, Fraction) and value == number
+    return not isinstance(value, ca.SX) and value == number
 
 
 def _with_dotted_names(aliased: AliasedSystem, expression: ca.SX, names: dict[tuple[int, int], str]) -> ca.SX:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from cartpend_dae.dae import friction_laws
+from cartpend_dae.dae import Friction, friction_laws
 from cartpend_dae.errors import SolverError
 from cartpend_dae.system import System
 
@@ -89,13 +89,25 @@ def _friction_function(system: System) -> ca.Function:
     if not n:
         return ca.Function("hold", [s.time, h, s.x, s.u, s.p], [ca.SX(0, 1)])
     law = friction_laws(s)
-    force = [ca.SX(0)] * n
-    for _ in range(1 if n == 1 else 4):  # Gauss-Seidel sweeps over frictions that act on each other
+    force = _joint_stop(law, h) if n > 1 else [ca.SX(0)]
+    for _ in range(1 if n == 1 else 10):  # Gauss-Seidel sweeps over frictions that act on each other
         for i in range(n):
             coupling = sum((law.influence[i, j] * force[j] for j in range(n) if j != i), ca.SX(0))
             free = law.free[i] + coupling
             force[i] = _mean_force(law.speed[i], free, law.influence[i, i], law.level_pos[i], law.level_neg[i], h)
     return ca.Function("hold", [s.time, h, s.x, s.u, s.p], [ca.vertcat(*force)])
+
+
+def _joint_stop(law: Friction, h: ca.SX) -> list[ca.SX]:
+    """Return the forces that stop all frictions together by the end of h, limited to their levels.
+
+    Where all of them stick this is the solution already, however different the masses between them are.
+    """
+    n = law.speed.numel()
+    # frictions that close a ring have no unique holding forces; the small slope makes them so
+    matrix = law.influence + 1e-9 * ca.diag(ca.diag(law.influence))
+    joint = ca.solve(matrix, -(law.free + law.speed / ca.fmax(h, 1e-30)))
+    return [ca.fmin(ca.fmax(joint[i], -law.level_neg[i]), law.level_pos[i]) for i in range(n)]
 
 
 def _mean_force(speed: ca.SX, free: ca.SX, influence: ca.SX, pos: ca.SX, neg: ca.SX, h: ca.SX) -> ca.SX:

@@ -1,6 +1,7 @@
 """The frozen data that the passes hand on: FlatSystem -> AliasedSystem -> System."""
 
 from dataclasses import dataclass
+from difflib import get_close_matches
 from fractions import Fraction
 from typing import Literal
 
@@ -11,7 +12,7 @@ from cartpend_dae.errors import ModelError
 from cartpend_dae.quantities import Declaration
 
 Kind = Literal["variable", "potential", "flow", "input", "output"]
-Coefficient = Fraction | ca.SX
+Coefficient = int | Fraction | ca.SX
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,11 +26,15 @@ class Variable:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter by its dotted name; `value` is None where it follows from other parameters."""
+    """A parameter by its dotted name; `value` is None where it follows from other parameters.
+
+    `is_built_as_zero`: the model lacks the part that it belongs to, as it was 0 when `Component.is_zero` was asked.
+    """
 
     name: str
     declaration: Declaration
     value: float | None
+    is_built_as_zero: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,8 +227,6 @@ class System:
 
 def unknown_name(kind: str, name: str, known: list[str], where: str) -> str:
     """Return the sentence for a name that does not exist, with the nearest ones that do."""
-    from difflib import get_close_matches
-
     near = get_close_matches(name, known, n=3, cutoff=0.5)
     same_end = [k for k in known if k.rsplit(".", 1)[-1] == name.rsplit(".", 1)[-1]][:3]
     offers = list(dict.fromkeys(near + same_end)) or known[:8]

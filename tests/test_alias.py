@@ -192,7 +192,6 @@ def test_a_constraint_given_twice_is_named():
         assemble(joined((left.flange, right.flange), left=left, right=right))
 
 
-@pytest.mark.xfail(strict=True, reason="0.1 * 3 is not 0.3 as fractions of floats: x is locked at 0 without a word")
 def test_decimal_factors_that_agree_to_rounding_are_the_same_constraint():
     def equations(self):
         yield self.a == 0.1 * self.b

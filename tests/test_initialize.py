@@ -161,7 +161,6 @@ class TwoRoots(Component):
         yield der(self.x) == -self.x
 
 
-@pytest.mark.xfail(strict=True, reason="Newton's method starts at zero, not at the guesses: the other root is found")
 def test_an_algebraic_variable_starts_at_the_root_near_its_guess():
     assert first(TwoRoots(), "y") == pytest.approx(-2.1, rel=1e-12)
 
@@ -240,7 +239,6 @@ def test_contradictory_guesses_are_no_error_and_the_first_counts():
     assert first(Vague(), "x") == pytest.approx(3.0, rel=1e-15)
 
 
-@pytest.mark.xfail(strict=True, reason="any start value lets all fixed initial equations of the model give way")
 def test_a_start_of_one_variable_does_not_hide_a_contradiction_elsewhere():
     class Torn(Decay):
         def conditions(self):

@@ -9,15 +9,15 @@ import casadi as ca
 import pytest
 
 from cartpend_dae import assemble, library
+from cartpend_dae.collector import Collector, collecting
 from cartpend_dae.language import (
-    Collector,
     Component,
     Flow,
     Initial,
     Port,
     Signal,
-    collecting,
     connect,
+    constructor_fields,
     parameters_of,
     parts_of,
     ports_of,
@@ -49,8 +49,13 @@ def label(cls):
 COMPONENTS = classes_of(Component)
 
 
+STRUCTURE = {"a": (2.0, 1.0), "b": (3.0,), "table": ((0.0, 1.0), (2.0, 5.0))}
+"""Values of the fields that are no parameters and have no default."""
+
+
 def make(cls, value=0.5):
-    return cls(**dict.fromkeys(parameters_of(cls), value))
+    structure = {name: STRUCTURE[name] for name in constructor_fields(cls) if name in STRUCTURE}
+    return cls(**(dict.fromkeys(parameters_of(cls), value) | structure))
 
 
 def statements_of(component):
@@ -78,14 +83,14 @@ def test_equations_are_as_many_as_variables_outputs_and_flows(cls, value):
 def test_composites_assemble(cls, value):
     class Grounded(Component):
         def __post_init__(self):
-            self.part = cls(
-                **({"R": 1.0, "k": 0.5} | {n: value for n in parameters_of(cls) if n not in ("R", "k")})
-            )
+            self.part = make(cls, value)
             pins = [getattr(self.part, n) for n, p in ports_of(cls).items() if p.kind is electrical.Pin]
             flanges = [getattr(self.part, n) for n, p in ports_of(cls).items() if p.kind is rotational.Flange]
             self.grounds = [electrical.Ground() for _ in pins]
+            self.wires = [electrical.Resistor(R=1.0) for _ in pins]  # a source must not be shorted
             self.loads = [rotational.Inertia(J=1.0) for _ in flanges]
-            self.joints = [connect(pin, ground.pin) for pin, ground in zip(pins, self.grounds, strict=True)]
+            self.joints = [connect(pin, wire.pin_p) for pin, wire in zip(pins, self.wires, strict=True)]
+            self.joints += [connect(w.pin_n, ground.pin) for w, ground in zip(self.wires, self.grounds, strict=True)]
             self.joints += [connect(f, load.flange_a) for f, load in zip(flanges, self.loads, strict=True)]
 
         def equations(self):

@@ -290,7 +290,6 @@ def test_equations_that_are_not_independent_at_the_values_of_parameters_are_refu
         simulate(scalars(equations, "a", "b", "c", k=2.0), 1.0)
 
 
-@pytest.mark.xfail(strict=True, raises=RuntimeError, reason="CasADi: [der(source.f)] are free")
 def test_the_derivative_of_an_input_is_refused_with_a_remedy():
     class Prescribed(translational.Force):
         """A position given by a signal, whose acceleration a mass would need."""

@@ -20,6 +20,7 @@ from cartpend_dae.language import (
     parameters_of,
     parts_of,
     used_ports_of,
+    variables_of,
 )
 from cartpend_dae.library import rotational, translational
 from cartpend_dae.system import Relation, unknown_name
@@ -184,8 +185,6 @@ def _rejoin(
 
 
 def _signals(component: Component) -> Iterator[tuple[str, ca.SX]]:
-    from cartpend_dae.language import variables_of
-
     for variable in variables_of(type(component)):
         yield variable, getattr(component, variable)
 

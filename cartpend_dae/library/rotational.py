@@ -129,13 +129,30 @@ class SpringDamper(CompliantWithSpeed):
         yield self.tau == self.c * (self.phi_rel - self.phi_rel0) + self.d * self.w_rel
 
 
-class Torque(Component):
-    """Torque given by a signal, tau_flange = -tau: positive accelerates the shaft; the ground reacts."""
+class Driven(Component):
+    """A driven shaft end and the housing that takes the reaction; base of sources.
+
+    The housing is the ground, unless `use_support` is True: then it is `support`, which must be connected.
+    """
 
     flange = port(Flange, doc="the driven shaft end")
+    support = port(Flange, doc="housing, if use_support is True")
+    use_support: bool = False
+
+    def equations(self) -> Statements:
+        if self.use_support:
+            yield self.flange.tau + self.support.tau == 0
+        else:
+            yield self.support.phi == 0
+
+
+class Torque(Driven):
+    """Torque given by a signal, tau_flange = -tau: positive accelerates the shaft; the housing reacts."""
+
     tau = signal("in", unit="N.m", doc="driving torque")
 
     def equations(self) -> Statements:
+        yield from super().equations()
         yield self.flange.tau == -self.tau
 
 
@@ -184,15 +201,27 @@ class SlenderRod(Component):
 
 
 class IdealGear(Component):
-    """Gear without loss or inertia, phi_a = ratio phi_b, ratio tau_a + tau_b = 0; the housing is grounded."""
+    """Gear without loss or inertia, phi_a = ratio phi_b (both against the housing), ratio tau_a + tau_b = 0.
+
+    The housing is the ground, unless `use_support` is True: then it is `support`, which must be connected and
+    takes the torque -(tau_a + tau_b).
+    """
 
     flange_a = port(Flange, doc="driving shaft")
     flange_b = port(Flange, doc="driven shaft")
+    support = port(Flange, doc="housing, if use_support is True")
+    use_support: bool = False
     ratio: Param = param(unit="1", doc="angle of flange a per angle of flange b")
 
     def equations(self) -> Statements:
-        yield self.flange_a.phi == self.ratio * self.flange_b.phi
         yield self.ratio * self.flange_a.tau + self.flange_b.tau == 0
+        if self.use_support:
+            phi = self.support.phi
+            yield self.flange_a.phi - phi == self.ratio * (self.flange_b.phi - phi)
+            yield self.flange_a.tau + self.flange_b.tau + self.support.tau == 0
+        else:
+            yield self.flange_a.phi == self.ratio * self.flange_b.phi
+            yield self.support.phi == 0
 
 
 class Sprocket(Component):

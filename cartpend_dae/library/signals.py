@@ -3,11 +3,12 @@
 Their unit is "1": a signal carries the number in SI units of whatever it is connected to.
 """
 
+from itertools import pairwise
 from math import pi
 
 import casadi as ca
 
-from cartpend_dae.language import Component, Param, Statements, der, param, signal, time
+from cartpend_dae.language import Component, Param, Statements, der, param, signal, time, var
 
 
 class Source(Component):
@@ -78,6 +79,53 @@ class Sine(Source):
         yield self.y == self.offset + ca.if_else(time() >= self.start_time, wave, 0)
 
 
+class ExpSine(Source):
+    """Damped sine, y = offset + amplitude exp(-d x) sin(2 pi f x + phase), x = t - start_time; y = offset before."""
+
+    amplitude: Param = param(unit="1", doc="amplitude at start_time")
+    f: Param = param(unit="Hz", min=0, doc="frequency")
+    d: Param = param(unit="1/s", doc="rate of decay")
+    phase: Param = param(unit="rad", default=0.0, doc="phase at start_time")
+    offset: Param = param(unit="1", default=0.0, doc="mean value")
+    start_time: Param = param(unit="s", default=0.0, doc="time at which the sine starts")
+
+    def equations(self) -> Statements:
+        x = time() - self.start_time
+        wave = self.amplitude * ca.exp(-self.d * x) * ca.sin(2 * pi * self.f * x + self.phase)
+        yield self.y == self.offset + ca.if_else(x >= 0, wave, 0)
+
+
+class Pulse(Source):
+    """Pulses, y = offset + amplitude during the first `width` percent of each period from start_time on."""
+
+    amplitude: Param = param(unit="1", doc="height of the pulses")
+    width: Param = param(unit="1", default=50.0, min=0, max=100, doc="duration of a pulse in percent of the period")
+    period: Param = param(unit="s", min=0, doc="time between two pulses")
+    offset: Param = param(unit="1", default=0.0, doc="value between the pulses")
+    start_time: Param = param(unit="s", default=0.0, doc="time of the first pulse")
+
+    def equations(self) -> Statements:
+        cycles = (time() - self.start_time) / self.period
+        high = ca.logic_and(cycles >= 0, cycles - ca.floor(cycles) < self.width / 100)
+        yield self.y == self.offset + ca.if_else(high, self.amplitude, 0)
+
+
+class TimeTable(Source):
+    """Points joined by lines, y = y_k + (y_l - y_k) (t - t_k)/(t_l - t_k); rows (t, y), of equal times a jump.
+
+    Before the first row and after the last, y holds.
+    """
+
+    table: tuple[tuple[float, float], ...]
+
+    def equations(self) -> Statements:
+        value = ca.SX(float(self.table[0][1]))
+        for (t_k, y_k), (t_l, y_l) in pairwise(self.table):
+            line = y_l if t_l == t_k else y_k + (y_l - y_k) * (time() - t_k) / (t_l - t_k)
+            value = ca.if_else(time() >= t_k, ca.if_else(time() < t_l, line, y_l), value)
+        yield self.y == value
+
+
 class Gain(Block):
     """Gain, y = k u."""
 
@@ -99,6 +147,26 @@ class Feedback(TwoInputs):
 
     def equations(self) -> Statements:
         yield self.y == self.u1 - self.u2
+
+
+class Product(TwoInputs):
+    """Product, y = u1 u2."""
+
+    def equations(self) -> Statements:
+        yield self.y == self.u1 * self.u2
+
+
+class Table1D(Block):
+    """Points joined by lines, y = y_k + (y_l - y_k) (u - u_k)/(u_l - u_k); outside the first or last line goes on."""
+
+    table: tuple[tuple[float, float], ...]
+
+    def equations(self) -> Statements:
+        lines = [y_k + (y_l - y_k) / (u_l - u_k) * (self.u - u_k) for (u_k, y_k), (u_l, y_l) in pairwise(self.table)]
+        value = lines[0] if lines else ca.SX(float(self.table[0][1]))
+        for (u_k, _), line in zip(self.table[1:], lines[1:], strict=False):
+            value = ca.if_else(self.u >= u_k, line, value)
+        yield self.y == value
 
 
 class Limiter(Block):
@@ -128,6 +196,49 @@ class Integrator(Block):
 
     def equations(self) -> Statements:
         yield der(self.y) == self.k * self.u
+
+
+class Der(Block):
+    """Derivative, y = der(u)."""
+
+    def equations(self) -> Statements:
+        yield self.y == der(self.u)
+
+
+class Derivative(Block):
+    """Derivative through a lag, y = k (u - x)/T, T der(x) = u - x."""
+
+    x = var(unit="1", doc="state of the lag")
+    k: Param = param(unit="s", default=1.0, doc="gain")
+    T: Param = param(unit="s", min=0, doc="time constant")
+
+    def equations(self) -> Statements:
+        yield self.T * der(self.x) == self.u - self.x
+        yield self.y == self.k * (self.u - self.x) / self.T
+
+
+class SecondOrder(Block):
+    """Second-order lag, der(der(y))/w^2 + 2 D der(y)/w + y = k u."""
+
+    yd = var(unit="1/s", doc="derivative of the output")
+    k: Param = param(unit="1", default=1.0, doc="gain")
+    w: Param = param(unit="rad/s", min=0, doc="natural frequency")
+    D: Param = param(unit="1", min=0, doc="damping ratio")
+
+    def equations(self) -> Statements:
+        yield self.yd == der(self.y)
+        yield der(self.yd) == self.w * (self.w * (self.k * self.u - self.y) - 2 * self.D * self.yd)
+
+
+class RateLimiter(Block):
+    """Rate limiter, der(y) = (u - y)/Td between `falling` and `rising`, and the nearer of the two outside."""
+
+    rising: Param = param(unit="1", min=0, doc="steepest slope upwards, in the unit of y per second")
+    falling: Param = param(unit="1", max=0, doc="steepest slope downwards, in the unit of y per second")
+    Td: Param = param(unit="s", default=0.001, min=0, doc="lag between the limits")
+
+    def equations(self) -> Statements:
+        yield der(self.y) == ca.fmin(ca.fmax((self.u - self.y) / self.Td, self.falling), self.rising)
 
 
 class SensorOffset(Block):

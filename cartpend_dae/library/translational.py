@@ -30,7 +30,7 @@ class Flange(Port):
 
 
 class Rigid(Component):
-    """A rigid body without extent, s = s_a = s_b; base of bodies."""
+    """A rigid joint without extent, s = s_a = s_b; base of sensors."""
 
     flange_a = port(Flange, doc="left side")
     flange_b = port(Flange, doc="right side")
@@ -69,15 +69,21 @@ class CompliantWithSpeed(Compliant):
         yield self.v_rel == der(self.flange_b.s - self.flange_a.s)
 
 
-class Mass(Rigid):
-    """Sliding body, m a = f_a + f_b."""
+class Mass(Component):
+    """Sliding body, m a = f_a + f_b, with s in its middle: s_a = s - L/2, s_b = s + L/2."""
 
+    flange_a = port(Flange, doc="left side")
+    flange_b = port(Flange, doc="right side")
+    s = var(unit="m", doc="position")
     v = var(unit="m/s", doc="speed")
     a = var(unit="m/s2", doc="acceleration")
     m: Param = param(unit="kg", min=0, doc="mass")
+    L: Param = param(unit="m", default=0.0, doc="length, from flange a to flange b")
 
     def equations(self) -> Statements:
-        yield from super().equations()
+        half = 0 if self.is_zero("L") else self.L / 2
+        yield self.flange_a.s == self.s - half
+        yield self.flange_b.s == self.s + half
         yield self.v == der(self.s)
         yield self.a == der(self.v)
         yield self.m * self.a == self.flange_a.f + self.flange_b.f

@@ -20,7 +20,8 @@ from cartpend_dae.discover.records import Search
 from cartpend_dae.errors import StudyError
 from cartpend_dae.identify import Fit
 from cartpend_dae.report.model_plus import model_plus_source
-from cartpend_dae.report.result import Identification, all_candidates, discovery_result, identification_result, plain
+from cartpend_dae.report.result import Identification, discovery_result, identification_result, plain
+from cartpend_dae.report.text import all_candidates
 from cartpend_dae.session import Opened
 from cartpend_dae.system import System
 

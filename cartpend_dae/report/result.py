@@ -13,7 +13,7 @@ from cartpend_dae.discover import Discovery, Gate, residuals
 from cartpend_dae.discover.gate import LIMIT
 from cartpend_dae.discover.records import Candidate, Search, Step
 from cartpend_dae.identify import Estimate, Fit
-from cartpend_dae.report.text import discovery_sentence, identification_sentence
+from cartpend_dae.report.text import all_candidates, discovery_sentence, identification_sentence
 from cartpend_dae.session import Opened
 
 Json = dict[str, Any]
@@ -93,13 +93,6 @@ def plain(value: Any) -> Any:  # noqa: ANN401 - any JSON
     if isinstance(value, float | np.floating):
         return float(value) if math.isfinite(value) else None
     return value.item() if isinstance(value, np.generic) else value
-
-
-def all_candidates(search: Search) -> tuple[Candidate, ...]:
-    """Return what was accepted, then what was tried last, without the accepted ones."""
-    accepted = tuple(step.candidate for step in search.steps)
-    names = {candidate.insertion.prefix for candidate in accepted}
-    return (*accepted, *(c for c in search.candidates if c.insertion.prefix not in names))
 
 
 def _head(command: str, opened: Opened, seconds: float) -> Json:

@@ -9,7 +9,7 @@ import casadi as ca
 from cartpend_dae.assess import Assessment, OutputError, RunError
 from cartpend_dae.discover import Discovery, Gate
 from cartpend_dae.discover.gate import LIMIT
-from cartpend_dae.discover.records import Search
+from cartpend_dae.discover.records import Candidate, Search
 from cartpend_dae.identify import Estimate, Fit
 from cartpend_dae.session import Opened
 from cartpend_dae.system import FlatSystem, System
@@ -58,6 +58,13 @@ def listing(names: Iterable[str]) -> str:
     """Join names in back-quotes by commas and an `and`."""
     quoted = [f"`{name}`" for name in names]
     return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} and {quoted[-1]}" if quoted else "none"
+
+
+def all_candidates(search: Search) -> tuple[Candidate, ...]:
+    """Return what was accepted, then what was tried last, without the accepted ones."""
+    accepted = tuple(step.candidate for step in search.steps)
+    names = {candidate.insertion.prefix for candidate in accepted}
+    return (*accepted, *(c for c in search.candidates if c.insertion.prefix not in names))
 
 
 def effect_name(effect: str) -> str:

@@ -1,0 +1,59 @@
+"""What `der`, `time` and `dry_friction` note while the equations of a model are collected."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+
+import casadi as ca
+
+from cartpend_dae.errors import ModelError
+
+
+@dataclass(frozen=True, slots=True)
+class DryFriction:
+    """A set-valued force: `level_pos` or `-level_neg` while sliding, anything between while stuck."""
+
+    force: ca.SX
+    speed: ca.SX
+    level_pos: ca.SX
+    level_neg: ca.SX
+
+
+@dataclass(slots=True)
+class Collector:
+    """Derivatives and dry frictions in the order of their first use.
+
+    `derivatives` maps the element hash of a symbol to (symbol, its derivative).
+    """
+
+    time: ca.SX
+    derivatives: dict[int, tuple[ca.SX, ca.SX]] = field(default_factory=dict)
+    frictions: list[DryFriction] = field(default_factory=list)
+
+
+_collector: ContextVar[Collector] = ContextVar("collector")
+
+
+@contextmanager
+def collecting(collector: Collector) -> Iterator[Collector]:
+    """Make `collector` the one that `der`, `time` and `dry_friction` write to."""
+    token = _collector.set(collector)
+    try:
+        yield collector
+    finally:
+        _collector.reset(token)
+
+
+def collector_of(what: str) -> Collector:
+    """Return the collector in use; `what` needs it.
+
+    Raises
+    ------
+    ModelError
+        Outside of `equations`.
+    """
+    try:
+        return _collector.get()
+    except LookupError:
+        raise ModelError(f"`{what}` has a meaning inside `equations` only, while a model is assembled.") from None

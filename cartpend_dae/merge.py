@@ -1,0 +1,107 @@
+"""System -> System: dry frictions that act on the same motion become one.
+
+Two frictions on one shaft, or on two shafts joined by a gear, stick and slide together, so that their
+holding forces are not unique. As one friction with the sum of their levels they are; each takes the share
+of the force that its level has in the sum.
+"""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from cartpend_dae.system import Frictions, System
+
+# share of a friction whose level is zero, so that shares are defined when all levels are
+_EPSILON = 1e-12
+
+
+def merge_frictions(system: System) -> System:
+    """Join dry frictions whose speeds are multiples of each other, with factors that only parameters decide.
+
+    Frictions with different levels in the two directions are left as they are.
+
+    Parameters
+    ----------
+    system
+        The sorted system.
+    """
+    groups = _groups(system)
+    if len(groups) == system.frictions.force.numel():
+        return system
+    old = system.frictions
+    force = ca.SX.sym("dry_friction", len(groups))
+    forces: dict[int, ca.SX] = {}
+    speeds, levels, places = [], [], []
+    for g, members in enumerate(groups):
+        level = sum((ca.fabs(ratio) * (old.level_pos[i] + _EPSILON) for i, ratio in members), ca.SX(0))
+        for i, ratio in members:
+            forces[i] = (
+                force[g] * ca.sign(ratio) * (old.level_pos[i] + _EPSILON) / level if len(members) > 1 else force[g]
+            )
+        speeds.append(old.speed[members[0][0]])
+        is_single = len(members) == 1
+        levels.append(
+            (old.level_pos[members[0][0]], old.level_neg[members[0][0]])
+            if is_single
+            else (level - _EPSILON, level - _EPSILON)
+        )
+        places.append(" + ".join(old.places[i] for i, _ in members))
+    shares = ca.vertcat(*[forces[i] for i in range(old.force.numel())])
+    ode, alg, outputs = ca.substitute([system.ode, system.alg, system.outputs], [old.force], [shares])
+    merged = Frictions(
+        tuple(places),
+        force,
+        ca.vertcat(*speeds),
+        ca.vertcat(*[pos for pos, _ in levels]),
+        ca.vertcat(*[neg for _, neg in levels]),
+    )
+    return replace(system, ode=ode, alg=alg, outputs=outputs, frictions=merged)
+
+
+def _groups(system: System) -> list[list[tuple[int, ca.SX]]]:
+    """Return groups of (friction, its speed over that of the first of the group)."""
+    f = system.frictions
+    groups: list[list[tuple[int, ca.SX]]] = []
+    slopes = ca.jacobian(f.speed, system.x)
+    for i in range(f.force.numel()):
+        for members in groups:
+            first = members[0][0]
+            if not (_is_symmetric(f, i) and _is_symmetric(f, first)):
+                continue
+            ratio = _ratio(system, slopes, i, first)
+            if ratio is not None:
+                members.append((i, ratio))
+                break
+        else:
+            groups.append([(i, ca.SX(1))])
+    return groups
+
+
+def _is_symmetric(frictions: Frictions, i: int) -> bool:
+    return ca.is_equal(frictions.level_pos[i], frictions.level_neg[i], 5)
+
+
+def _ratio(system: System, slopes: ca.SX, i: int, first: int) -> ca.SX | None:
+    """Return speed i over the other as an expression of parameters, None if it changes along the motion."""
+    shared = set(slopes[i, :].sparsity().get_triplet()[1]) & set(slopes[first, :].sparsity().get_triplet()[1])
+    if not shared:
+        return None
+    column = min(shared)
+    ratio = slopes[i, column] / slopes[first, column]
+    moving = ca.vertcat(system.x, system.z, system.u, system.time)
+    if ca.depends_on(ratio, moving):
+        return None
+    difference = ca.Function(
+        "difference",
+        [system.x, system.z, system.u, system.time, system.p],
+        [system.frictions.speed[i] - ratio * system.frictions.speed[first]],
+    )
+    # equal at three points in general position: equal everywhere, for expressions as smooth as these
+    generator = np.random.default_rng(0)
+    for _ in range(3):
+        point = [generator.uniform(0.5, 2.0, e.numel()) for e in (system.x, system.z, system.u)]
+        value = float(difference(*point, generator.uniform(0.5, 2.0), generator.uniform(0.5, 2.0, system.p.numel())))
+        if not abs(value) < 1e-9:
+            return None
+    return ratio

@@ -1,0 +1,132 @@
+"""Write docs/validation.md: what was checked against what, with the figures of this run.
+
+``python tests/benchmarks/validation.py`` takes about three minutes; the measured axis needs CARTPEND_DATA.
+"""
+
+import importlib.util
+import json
+import platform
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+
+from cartpend_dae.discover import discover  # noqa: E402
+from cartpend_dae.study_schema import data_folder  # noqa: E402
+
+STUDIES = ROOT / "models" / "studies"
+PUBLISHED = {"axis.m": 95.11, "guide.d": 203.5, "guide.coulomb_friction.f_c": 20.39, "guide.constant_load.f_0": -3.16}
+
+
+def script(path):
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def command(*arguments):
+    code = "from cartpend_dae.cli import main; main()"
+    subprocess.run([sys.executable, "-c", code, *arguments], check=True, capture_output=True)
+
+
+def emps(study):
+    with tempfile.TemporaryDirectory() as folder:
+        command("discover", str(STUDIES / study), "--out", folder)
+        return json.loads((Path(folder) / "result.json").read_text())
+
+
+def emps_section():
+    if not (data_folder() / "emps").is_dir():
+        return ["The measured data were not there when this page was made."]
+    result = emps("emps.toml")
+    lines = [
+        "`cartpend discover models/studies/emps.toml`, from mass and viscous friction; the published values are those of",
+        "Janot, Gautier and Brunot (2019).",
+        "",
+        "| quantity | found | sd | published |",
+        "|---|---|---|---|",
+    ]
+    for name, value in PUBLISHED.items():
+        entry = result["final"]["parameters"][name]
+        lines.append(f"| `{name}` [{entry['unit']}] | {entry['value']:.4g} | {entry['sd']:.2g} | {value:g} |")
+    lines += ["", "| relative force error | before | after | published |", "|---|---|---|---|"]
+    for run, published in (("steps", 4.08), ("pulses", 5.98)):
+        before, after = (result[k]["scores"]["relative_force_error"][run] for k in ("baseline", "final"))
+        lines.append(f"| {run} | {100 * before:.2f} % | {100 * after:.2f} % | {published} % |")
+    exchanged = emps("emps_exchanged.toml")
+    named = ", ".join(f"`{step['effect']}` at `{step['at']}`" for step in exchanged["steps"])
+    lines += ["", f"With the roles of the two runs exchanged: {named}. Verdicts: {result['verdict']}, {exchanged['verdict']}"]
+    lines[-1] += " (friction that depends on the direction is not in the catalogue yet)."
+    return lines
+
+
+def pendulum_section():
+    tests = script(ROOT / "tests" / "test_discover_pendulum.py")
+    sticking, sliding = tests.clean_run(tests.COULOMB), tests.clean_run(0.0)
+    found = [discover(tests.noisy_setup(sticking, seed)) for seed in tests.SEEDS]
+    none = [discover(tests.noisy_setup(sliding, seed)) for seed in tests.SEEDS]
+    right = sum(
+        [s.candidate.insertion.prefix for s in d.search.steps] == ["bearing.coulomb_friction"] for d in found
+    )
+    levels = [d.search.final.parameters[-1] for d in found]
+    inside = sum(abs(e.value - tests.COULOMB) <= 3 * e.sd for e in levels)
+    quiet = sum(d.search.verdict == "no-discrepancy" for d in none)
+    n = len(tests.SEEDS)
+    return [
+        "Data from `tests/independent.py`, a simulator that shares no code with the package; noise 1e-3 rad, one run of 6 s.",
+        "",
+        "| pendulum | result |",
+        "|---|---|",
+        f"| with Coulomb friction, {n} noise seeds | `coulomb_friction` at `bearing` and nothing else: {right} of {n} |",
+        f"| its level within 3 sd of the truth | {inside} of {n} |",
+        f"| mean of the estimates, truth | {np.mean([e.value for e in levels]):.6f}, {tests.COULOMB} N.m |",
+        f"| scatter over seeds, mean stated sd | {np.std([e.value for e in levels], ddof=1):.2g}, "
+        f"{np.mean([e.sd for e in levels]):.2g} N.m |",
+        f"| without, {n} noise seeds | verdict `no-discrepancy`: {quiet} of {n} |",
+    ]
+
+
+def published_section():
+    published = script(STUDIES / "published_pendulum.py")
+    trace = published.rebuild()
+    error = published.sums_of_squares(trace) / published.PUBLISHED_SSE - 1
+    return [
+        "`python models/studies/published_pendulum.py` prints all rows; `docs/published_rig.md` says what was rebuilt.",
+        "",
+        f"18 published sums of squared errors: {100 * np.sqrt(np.mean(error**2)):.2f} % RMS, "
+        f"{100 * np.abs(error).max():.2f} % at worst.",
+    ]
+
+
+def main():
+    page = [
+        "# Validation",
+        "",
+        "Made by `python tests/benchmarks/validation.py`; what it says is what that command found.",
+        f"(Python {platform.python_version()}, {platform.machine()})",
+        "",
+        "## The measured servo axis EMPS",
+        "",
+        *emps_section(),
+        "",
+        "## A pendulum that sticks, and one that does not",
+        "",
+        *pendulum_section(),
+        "",
+        "## The published pendulum",
+        "",
+        *published_section(),
+        "",
+    ]
+    (ROOT / "docs" / "validation.md").write_text("\n".join(page))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,39 @@
+"""Print how near each reference example comes: python tests/msl/table.py [name ...].
+
+Columns: example, worst use of the tube (1 is its edge), number of signals, seconds of assembly and simulation.
+The references are found by CARTPEND_MSL.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE.parent), str(HERE.parent.parent)]
+
+from msl_bench import EXAMPLES, load, run  # noqa: E402 (found by the path above)
+
+
+def main(names: list[str]) -> int:
+    folder = Path(os.environ.get("CARTPEND_MSL") or HERE.parent.parent / "../shared/msl").resolve()
+    if not folder.is_dir():
+        print(f"The reference examples are not in {folder}; set CARTPEND_MSL to their folder.", file=sys.stderr)
+        return 2
+    failed = 0
+    print(f"{'example':<28} {'tube use':>9} {'signals':>8} {'seconds':>8}")
+    for path in EXAMPLES:
+        if names and path.stem not in names:
+            continue
+        try:
+            outcome = run(load(path, folder))
+        except Exception as error:  # the table goes on to the next example
+            failed += 1
+            print(f"{path.stem:<28} {type(error).__name__}: {str(error)[:300]}")
+            continue
+        failed += outcome.worst > 1
+        print(f"{path.stem:<28} {outcome.worst:>9.2g} {len(outcome.use):>8} {outcome.seconds:>8.2f}", flush=True)
+    return int(failed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
