@@ -1,7 +1,8 @@
 """What each operation of CasADi does to the dimensions of its operands: the algebra of `dimensions`.
 
 A dimension is a small integer, as a large model has few different ones: a known dimension, counted from 0 up (a
-number), `LITERAL` for a literal number, which fits anything in a sum, or below it one that is not known yet.
+number), `LITERAL` for a literal number, which fits anything in a sum, `WRONG` for what comes of a clash, which fits
+anything too so that one slip is told once, or below it one that is not known yet.
 """
 
 from fractions import Fraction
@@ -13,7 +14,7 @@ from cartpend_dae.units import Unit, power
 Exponents = tuple[Fraction | int, ...]
 Dimension = int
 
-NUMBER, LITERAL = 0, -1
+NUMBER, LITERAL, WRONG = 0, -1, -2
 
 _SAME = {ca.OP_ADD, ca.OP_SUB, ca.OP_FMIN, ca.OP_FMAX, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_HYPOT}
 _COMPARED = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_ATAN2}
@@ -33,7 +34,7 @@ class Dimensions:
     def __init__(self) -> None:
         self._exponents: list[Exponents] = [(0,) * 7]
         self._dimension_of: dict[Exponents, Dimension] = {self._exponents[NUMBER]: NUMBER}
-        self._last_unknown: Dimension = LITERAL
+        self._last_unknown: Dimension = WRONG
         self._solved: dict[Dimension, tuple[Dimension, int]] = {}
         self.clashes: list[tuple[int, Dimension, Dimension | None]] = []
         """An instruction, the dimension of its first operand, and of the second (None: a number was needed)."""
@@ -118,9 +119,9 @@ class Dimensions:
         return self._dimension_of[exponents]
 
     def _equal(self, k: int, a: Dimension, b: Dimension) -> Dimension:
-        if a == b or b == LITERAL:
+        if a in (b, WRONG) or b == LITERAL:
             return a
-        if a == LITERAL:
+        if b == WRONG or a == LITERAL:
             return b
         if a < LITERAL:
             self._solved[a] = b, k
@@ -129,10 +130,10 @@ class Dimensions:
             self._solved[b] = a, k
             return a
         self.clashes.append((k, a, b))
-        return self.unknown()
+        return WRONG
 
     def _number(self, k: int, a: Dimension) -> Dimension:
-        if a < LITERAL:
+        if a < WRONG:
             self._solved[a] = NUMBER, k
         elif a > NUMBER:
             self.clashes.append((k, a, None))
@@ -140,13 +141,13 @@ class Dimensions:
 
     def _product(self, a: Dimension, b: Dimension) -> Dimension:
         if a < LITERAL or b < LITERAL:
-            return self.unknown()
+            return WRONG if WRONG in (a, b) else self.unknown()
         if a == LITERAL and b == LITERAL:
             return LITERAL
         pairs = zip(self._exponents[max(a, NUMBER)], self._exponents[max(b, NUMBER)], strict=True)
         return self._known(tuple(x + y for x, y in pairs))
 
     def _power(self, a: Dimension, exponent: float | Fraction) -> Dimension:
-        if a < LITERAL:
+        if a < WRONG:
             return self.unknown()
-        return LITERAL if a == LITERAL else self.of_unit(power(self.unit_of(a), exponent))
+        return a if a < NUMBER else self.of_unit(power(self.unit_of(a), exponent))

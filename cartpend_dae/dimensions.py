@@ -110,13 +110,15 @@ class _Walk:
         bound = [i for i, parameter in enumerate(flat.parameters) if parameter.value is None]
         self.origins = [f"{place}: dry friction" for place in friction.places] * 3
         self.origins += [f"what `{flat.parameters[i].name}` is set to" for i in bound]
-        self.origins += [*flat.origins, *flat.initials.origins]
+        # Connections first: where they bring different units to one block, the block is the place to name.
+        order = sorted(range(len(flat.origins)), key=lambda i: not flat.origins[i].startswith("connection of "))
+        self.origins += [*(flat.origins[i] for i in order), *flat.initials.origins]
         residual = ca.vertcat(
             friction.force - friction.level_pos,
             friction.force - friction.level_neg,
             watt - friction.speed * friction.level_pos,
-            flat.parameter_symbols[bound] - flat.parameter_bindings[bound],
-            flat.residual,
+            flat.parameter_symbols[bound, 0] - flat.parameter_bindings[bound, 0],
+            flat.residual[order, 0],
             flat.initials.residual,
         )
         self.arguments = ca.vertcat(

@@ -48,7 +48,12 @@ def merge_frictions(system: System) -> System:
         )
         places.append(" + ".join(old.places[i] for i, _ in members))
     shares = ca.vertcat(*[forces[i] for i in range(old.force.numel())])
-    ode, alg, outputs = ca.substitute([system.ode, system.alg, system.outputs], [old.force], [shares])
+    # the motion feels only the sum; put on the first of each group, it cancels to the last digit while stuck
+    sums = ca.SX.zeros(old.force.numel())
+    for g, members in enumerate(groups):
+        sums[members[0][0]] = force[g]
+    ode, alg = ca.substitute([system.ode, system.alg], [old.force], [sums])
+    outputs = ca.substitute(system.outputs, old.force, shares)
     merged = Frictions(
         tuple(places),
         force,

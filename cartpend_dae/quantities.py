@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Never, Self, TypeGuard, TypeVar, overload
+from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
@@ -67,7 +68,20 @@ def symbol_of(instance: object, name: str) -> ca.SX:
 
 
 def declared(cls: type, kind: type[Q]) -> dict[str, Q]:
-    """Return the declarations of one kind, those of the bases first."""
+    """Return the declarations of one kind, those of the bases first; looked up once for each class.
+
+    It is a `WeakKeyDictionary` by class, so that classes that a study has loaded can be forgotten.
+    """
+    known = _DECLARED.setdefault(cls, {})
+    if kind not in known:
+        known[kind] = _look_up(cls, kind)
+    return known[kind]
+
+
+_DECLARED: "WeakKeyDictionary[type, dict[type, Any]]" = WeakKeyDictionary()
+
+
+def _look_up(cls: type, kind: type[Q]) -> dict[str, Q]:
     found: dict[str, Q] = {}
     for base in reversed(cls.__mro__):
         found.update({name: value for name, value in vars(base).items() if isinstance(value, kind)})

@@ -40,6 +40,8 @@ TYPES = {
     "drive.AveragedInverter": "converters.AveragedInverter",
     "drive.LimitedPI": "controllers.LimitedPI",
     "electrical.CurrentSensor": "electrical_sources.CurrentSensor",
+    "electrical.SignalCurrent": "electrical_sources.CurrentSource",
+    "electrical.SineVoltage": "electrical_sources.SineVoltage",
     "electrical.SignalVoltage": "electrical.VoltageSource",
     "electrical.StepVoltage": "electrical_sources.StepVoltage",
     "electrical.VoltageSourceWithResistance": "electrical_sources.VoltageSourceWithResistance",

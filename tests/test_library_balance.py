@@ -55,7 +55,7 @@ STRUCTURE = {"a": (2.0, 1.0), "b": (3.0,), "table": ((0.0, 1.0), (2.0, 5.0))}
 
 def make(cls, value=0.5):
     structure = {name: STRUCTURE[name] for name in constructor_fields(cls) if name in STRUCTURE}
-    return cls(**(dict.fromkeys(parameters_of(cls), value) | structure))
+    return cls(**(structure | dict.fromkeys(parameters_of(cls), value)))
 
 
 def statements_of(component):

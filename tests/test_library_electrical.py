@@ -7,7 +7,9 @@ from scipy.linalg import expm
 
 from cartpend_dae import assemble
 from cartpend_dae.library import electrical as e
+from cartpend_dae.library import electrical_sources as es
 from cartpend_dae.library import rotational as r
+from cartpend_dae.library import signals as s
 
 
 def loop(**parts):
@@ -69,13 +71,9 @@ def motor_bench(motor, J, d):
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 def test_motor_without_inductance_approaches_its_steady_speed(direction):
     R, k, J, d, u = 0.739, 0.17, 0.01, 0.002, 12.0 * direction
-    result = run(
-        motor_bench(e.DCMotor(R=R, k=k), J, d), 2.0, inputs={"supply.u": u / 2}, start={"load.w": 0.0}
-    )
+    result = run(motor_bench(e.DCMotor(R=R, k=k), J, d), 2.0, inputs={"supply.u": u / 2}, start={"load.w": 0.0})
     steady, rate = k * u / (R * d + k**2), (d + k**2 / R) / J
-    np.testing.assert_allclose(
-        result["load.w"], steady * -np.expm1(-rate * result.time), rtol=0, atol=CLOSE * 70
-    )
+    np.testing.assert_allclose(result["load.w"], steady * -np.expm1(-rate * result.time), rtol=0, atol=CLOSE * 70)
     assert result["load.w"][-1] == pytest.approx(steady, abs=70 * np.exp(-2 * rate) + 70 * CLOSE)
     np.testing.assert_allclose(result["motor.i"], (u - k * result["load.w"]) / R, rtol=0, atol=1e-12 * 16)
     np.testing.assert_allclose(result["supply.v"], u, rtol=1e-15)
@@ -101,9 +99,7 @@ def test_motor_with_inductance_and_rotor_is_the_matrix_exponential():
     # The supply gives what heats, brakes, and goes into field and inertia: an identity, rounding only.
     i, w = result["motor.i"], result["load.w"]
     stored = i * result["motor.inductor.u"] + J * w * result["load.a"]
-    np.testing.assert_allclose(
-        result["supply.v"] * result["supply.i"], R * i**2 + d * w**2 + stored, atol=1e-10
-    )
+    np.testing.assert_allclose(result["supply.v"] * result["supply.i"], R * i**2 + d * w**2 + stored, atol=1e-10)
 
 
 def test_emf_converts_without_loss():
@@ -127,9 +123,7 @@ def test_a_part_that_is_set_to_zero_does_not_exist():
 
 def spinning_motor(*terminals, **parts):
     motor, load, ground = e.DCMotor(R=0.5, k=0.2), r.Inertia(J=0.01), e.Ground()
-    joints = [
-        tuple(getattr(motor, end) if isinstance(end, str) else end for end in joint) for joint in terminals
-    ]
+    joints = [tuple(getattr(motor, end) if isinstance(end, str) else end for end in joint) for joint in terminals]
     return joined(
         (motor.shaft, load.flange_a),
         (motor.pin_n, ground.pin),
@@ -153,3 +147,86 @@ def test_a_resistance_across_the_terminals_brakes_the_motor():
     result = run(model, 1.0, start={"load.phi": 0.0, "load.w": 30.0})
     rate = 0.2**2 / (0.5 + 1.5) / 0.01
     np.testing.assert_allclose(result["load.w"], 30.0 * np.exp(-rate * result.time), rtol=0, atol=30 * CLOSE)
+
+
+def across(source, **options):
+    """A source of voltage over a resistor of 4 ohms, a current meter between and a voltmeter beside."""
+    resistor, ammeter, voltmeter = e.Resistor(R=4.0), es.CurrentSensor(), es.VoltageSensor()
+    lag, ground = s.FirstOrder(T=0.1), e.Ground()  # a state, so that there is something to integrate
+    joints = [(source.pin_p, ammeter.pin_p, voltmeter.pin_p), (ammeter.pin_n, resistor.pin_p)]
+    joints += [(resistor.pin_n, source.pin_n, voltmeter.pin_n, ground.pin), (voltmeter.u, lag.u)]
+    parts = {"source": source, "resistor": resistor, "ammeter": ammeter, "voltmeter": voltmeter, "lag": lag}
+    return run(joined(*joints, **parts, ground=ground), 2.0, **options)
+
+
+@pytest.mark.parametrize(
+    ("source", "voltage"),
+    [
+        (es.StepVoltage(V=3.0, offset=-1.0, start_time=0.495), lambda x: np.where(x < 0.495, -1.0, 2.0)),
+        (
+            es.RampVoltage(V=3.0, duration=0.7, offset=-1.0, start_time=0.495),
+            lambda x: np.interp(x, [0.495, 1.195], [-1.0, 2.0]),
+        ),
+        (
+            es.SineVoltage(V=3.0, f=2.0, phase=0.3, offset=-1.0, start_time=0.495),
+            lambda x: np.where(x < 0.495, -1.0, -1.0 + 3.0 * np.sin(4 * np.pi * (x - 0.495) + 0.3)),
+        ),
+        (es.VoltageSourceWithResistance(V=3.0, R=2.0), lambda x: np.full_like(x, 2.0)),
+        (es.ConstantCurrent(I=-0.5), lambda x: np.full_like(x, 2.0)),
+    ],
+    ids=lambda x: type(x).__name__,
+)
+def test_source_and_meters_over_a_resistor(source, voltage):
+    result = across(source)
+    np.testing.assert_allclose(result["voltmeter.u"], voltage(result.time), atol=1e-12)
+    np.testing.assert_allclose(result["ammeter.i"], voltage(result.time) / 4.0, atol=1e-12)
+    np.testing.assert_allclose(result["source.pin_p.i"], -result["ammeter.i"], atol=1e-12)
+
+
+def test_current_given_by_a_signal_charges_a_capacitor():
+    source, wave, store, ground = es.CurrentSource(), s.Sine(amplitude=2.0, f=0.5), e.Capacitor(C=0.1), e.Ground()
+    leak = es.Conductor(G=0.0)
+    joints = [(source.pin_n, store.pin_p, leak.pin_p), (source.pin_p, store.pin_n, leak.pin_n, ground.pin)]
+    model = joined(*joints, (wave.y, source.i), source=source, wave=wave, store=store, leak=leak, ground=ground)
+    result = run(model, 2.0, start={"store.u": 1.0})
+    expected = 1.0 + 2.0 / 0.1 / np.pi * (1 - np.cos(np.pi * result.time))
+    np.testing.assert_allclose(result["store.u"], expected, atol=20 * CLOSE)
+
+
+def test_operational_amplifier_inverts_and_integrates():
+    source, amplifier, ground = es.SineVoltage(V=1.0, f=1.0), es.IdealOpAmp(), e.Ground()
+    before, back = e.Resistor(R=1e3), e.Capacitor(C=1e-3)
+    joints = [(source.pin_p, before.pin_p), (before.pin_n, back.pin_p, amplifier.n1), (back.pin_n, amplifier.p2)]
+    joints += [(source.pin_n, amplifier.p1, amplifier.n2, ground.pin)]
+    parts = {"source": source, "amplifier": amplifier, "ground": ground, "before": before, "back": back}
+    result = run(joined(*joints, **parts), 2.0, start={"back.u": 0.0})
+    expected = -(1 - np.cos(2 * np.pi * result.time)) / (2 * np.pi)  # R C = 1 s
+    np.testing.assert_allclose(result["amplifier.v2"], expected, atol=CLOSE)
+
+
+def test_brushes_are_a_resistance_and_then_a_constant_drop():
+    ramp, brush = es.RampVoltage(V=8.0, offset=-4.0, duration=2.0), es.Brush(V=0.5, I_linear=0.2)
+    resistor, ground, coil = e.Resistor(R=2.0), e.Ground(), s.FirstOrder(T=0.1)
+    meter = es.VoltageSensor()
+    joints = [(ramp.pin_p, brush.pin_p, meter.pin_p), (brush.pin_n, resistor.pin_p, meter.pin_n), (meter.u, coil.u)]
+    joints += [(resistor.pin_n, ramp.pin_n, ground.pin)]
+    parts = {"ramp": ramp, "brush": brush, "resistor": resistor, "ground": ground, "coil": coil, "meter": meter}
+    result = run(joined(*joints, **parts), 2.0)
+    volts = -4.0 + 4.0 * result.time
+    drop = np.clip(volts * 2.5 / 4.5, -0.5, 0.5)  # 2.5 ohms of the brush in line with 2 ohms, up to 0.2 A
+    np.testing.assert_allclose(result["meter.u"], drop, atol=1e-9)
+    np.testing.assert_allclose(result["brush.i"], (volts - drop) / 2.0, atol=1e-9)
+
+
+def test_diode_lets_one_half_of_the_wave_pass():
+    wave, diode = es.SineVoltage(V=3.0, f=1.0), e.IdealDiode(Ron=0.5, Goff=0.01, Vknee=0.7)
+    load, meter, ground, lag = e.Resistor(R=2.0), es.VoltageSensor(), e.Ground(), s.FirstOrder(T=0.1)
+    joints = [(wave.pin_p, diode.pin_p), (diode.pin_n, load.pin_p, meter.pin_p), (meter.u, lag.u)]
+    joints += [(load.pin_n, wave.pin_n, meter.pin_n, ground.pin)]
+    parts = {"wave": wave, "diode": diode, "load": load, "meter": meter, "ground": ground, "lag": lag}
+    result = run(joined(*joints, **parts), 2.0)
+    volts = 3.0 * np.sin(2 * np.pi * result.time)
+    closed = volts * 2.0 / (2.0 + 100.0)  # a divider of 100 ohms above the load
+    opened = (volts - 0.7 + 0.5 * 0.01 * 0.7) * 2.0 / (2.0 + 0.5)
+    expected = np.where(volts - closed < 0.7, closed, opened)
+    np.testing.assert_allclose(result["load.u"], expected, atol=1e-8)

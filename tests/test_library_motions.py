@@ -33,7 +33,7 @@ def driven(source, body, **signal):
 
 @both
 def test_constant_and_step_accelerate(kind):
-    _, sources, _, make, x, v, f, Noun, noun = kind
+    _, sources, _, make, _x, v, f, Noun, noun = kind
     constant = getattr(sources, f"Constant{Noun}")(**{f"{f}_constant": 3.0})
     result = run(driven(constant, make()), 2.0)
     np.testing.assert_allclose(result[f"body.{v}"], 3.0 / INERTIA * result.time, atol=CLOSE)
@@ -46,7 +46,7 @@ def test_constant_and_step_accelerate(kind):
 
 @both
 def test_an_effort_between_two_bodies_keeps_their_momentum(kind):
-    _, sources, _, make, x, v, f, Noun, _ = kind
+    _, sources, _, make, _x, v, f, Noun, _ = kind
     between, one, two, push = getattr(sources, {"Torque": "Torque2", "Force": "Force2"}[Noun])(), make(), make(), s.Sine
     source = push(amplitude=2.0, f=0.5)
     joints = [(one.flange_b, between.flange_a), (between.flange_b, two.flange_a), (source.y, getattr(between, f))]
@@ -72,7 +72,7 @@ def test_load_that_is_linear_in_the_speed(kind, one_way, v0):
 @both
 @pytest.mark.parametrize("v0", [1.5, -0.4])
 def test_load_that_is_quadratic_in_the_speed_in_one_direction(kind, v0):
-    _, sources, _, make, x, v, f, Noun, noun = kind
+    _, sources, _, make, x, v, f, Noun, _noun = kind
     load = getattr(sources, f"QuadraticSpeedDependent{Noun}")(**{f"{f}_nominal": -4.0, f"{v}_nominal": 2.0})
     result = run(driven(load, make()), 2.0, start={f"body.{v}": v0, f"body.{x}": 0.0})
     b = 4.0 / 2.0**2 / INERTIA
@@ -133,7 +133,7 @@ def test_exact_speed_needs_the_effort_of_the_acceleration(kind):
 
 @both
 def test_filtered_position_is_a_bessel_low_pass(kind):
-    _, sources, _, make, x, v, f, _, _ = kind
+    _, sources, _, make, x, _v, _f, _, _ = kind
     source, jump = sources.Position(f_crit=2.0), s.Step(height=0.5, offset=0.1, start_time=0.5)
     result = run(driven(source, make(), **{f"{x}_ref": jump}), 2.0)
     wc = 2 * np.pi * 2.0
@@ -145,7 +145,7 @@ def test_filtered_position_is_a_bessel_low_pass(kind):
 
 @both
 def test_filtered_speed_is_a_lag(kind):
-    _, sources, _, make, x, v, f, _, _ = kind
+    _, sources, _, make, _x, v, _f, _, _ = kind
     source, jump = sources.Speed(f_crit=2.0), s.Step(height=0.5, offset=0.1, start_time=0.5)
     result = run(driven(source, make(), **{f"{v}_ref": jump}), 2.0)
     late = np.maximum(result.time - 0.5, 0.0)
@@ -154,7 +154,7 @@ def test_filtered_speed_is_a_lag(kind):
 
 @both
 def test_given_acceleration_from_rest(kind):
-    _, sources, _, make, x, v, f, _, _ = kind
+    _, sources, _, make, x, _v, f, _, _ = kind
     source, constant = sources.Accelerate(), s.Constant(k=0.6)
     result = run(driven(source, make(), a_ref=constant), 2.0)
     np.testing.assert_allclose(result[f"body.{x}"], 0.3 * result.time**2, atol=CLOSE)
@@ -182,7 +182,12 @@ def test_the_support_takes_the_reaction(source, signal):
 
 
 def test_the_housing_of_a_gear_takes_the_difference_of_the_torques():
-    motor, load, housing, gear = r.Inertia(J=0.1), r.Inertia(J=2.0), r.Inertia(J=5.0), r.IdealGear(ratio=4.0, use_support=True)
+    motor, load, housing, gear = (
+        r.Inertia(J=0.1),
+        r.Inertia(J=2.0),
+        r.Inertia(J=5.0),
+        r.IdealGear(ratio=4.0, use_support=True),
+    )
     push = rs.ConstantTorque(tau_constant=1.5)
     joints = [(push.flange, motor.flange_a), (motor.flange_b, gear.flange_a), (gear.flange_b, load.flange_a)]
     joints += [(gear.support, housing.flange_a)]
@@ -229,7 +234,7 @@ def test_planetary_gear_with_a_held_ring():
 
 @both
 def test_relative_states_and_sensors_are_no_load(kind):
-    bodies, sources, parts, make, x, v, f, Noun, _ = kind
+    bodies, _sources, parts, make, x, v, _f, Noun, _ = kind
     noun = {"Torque": "Angle", "Force": "Position"}[Noun]
     one, two, spring = make(), make(), bodies.Spring(c=30.0)
     relative, acceleration = parts.RelativeStates(), parts.AccelerationSensor()
@@ -252,3 +257,42 @@ def test_relative_states_and_sensors_are_no_load(kind):
     # The spring pulls body one forward; the power goes from it into the spring.
     given = -INERTIA * result["one.a"] * result[f"one.{v}"]
     np.testing.assert_allclose(result["power.power"], given, atol=1e-10)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_play_with_a_full_damper_pushes_until_the_pull_would_begin(side):
+    J, c, d, b, middle, depth = 2.0, 50.0, 3.0, 0.2, 0.7, 0.05
+    body, element, ground = r.Inertia(J=J), rp.ElastoBacklash2(c=c, d=d, b=b, phi_rel0=middle), r.Fixed()
+    joints = [(ground.flange, element.flange_a), (element.flange_b, body.flange_a)]
+    start = {"body.phi": middle + side * (b / 2 + depth), "body.w": 0.0}
+    result = run(joined(*joints, body=body, element=element, ground=ground), 1.0, start=start)
+    delta = d / (2 * J)
+    w = np.sqrt(c / J - delta**2)
+
+    def contact(time):
+        fall = np.exp(-delta * time) * depth
+        x = fall * (np.cos(w * time) + delta / w * np.sin(w * time))
+        v = -fall * (w + delta**2 / w) * np.sin(w * time)
+        return x, v
+
+    fine = np.linspace(0.0, 1.0, 1000001)
+    x, v = contact(fine)
+    end = fine[np.argmax(c * x + d * v <= 0)]  # before the gap opens, as the damper pulls
+    x, v = contact(np.minimum(result.time, end))
+    np.testing.assert_allclose(
+        side * (result["body.phi"] - middle), b / 2 + x + v * np.maximum(result.time - end, 0), atol=1e-5
+    )
+    assert 0 < end < 0.5
+
+
+@pytest.mark.parametrize("n", [1.0, 1.5])
+def test_one_sided_contact_gives_back_the_energy_that_its_spring_took(n):
+    body, gap, ground = t.Mass(m=2.0), tp.ElastoGap(c=500.0, d=0.0, n=n, s_rel0=0.1), t.Fixed()
+    joints = [(ground.flange, gap.flange_a), (gap.flange_b, body.flange_a)]
+    start = {"body.s": 0.4, "body.v": -1.0}
+    result = run(joined(*joints, body=body, gap=gap, ground=ground), 1.0, start=start)
+    depth = np.maximum(0.1 - result["body.s"], 0.0)
+    np.testing.assert_allclose(result["gap.f"], -500.0 * depth**n, atol=1e-9)
+    energy = result["body.v"] ** 2 + 500.0 * depth ** (n + 1) / (n + 1)
+    np.testing.assert_allclose(energy, 1.0, atol=10 * CLOSE)
+    assert result["body.v"][-1] == pytest.approx(1.0, abs=10 * CLOSE)

@@ -493,7 +493,6 @@ def test_two_frictions_on_one_body_hold_it_together(load):
     np.testing.assert_allclose(result["friction0.f"] + result["friction1.f"], load, rtol=1e-9)
 
 
-@pytest.mark.xfail(strict=True, reason="the body jumps to a speed of 1.7e5 m/s at the release, silently")
 def test_two_frictions_on_one_body_act_like_one_with_the_sum_of_their_levels():
     def shake(t):
         return 8 * ca.sin(t)

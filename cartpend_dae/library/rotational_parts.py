@@ -1,8 +1,10 @@
-"""Rotation: the wheel, the planetary gear, wanted states, and sensors beyond angle, speed and torque."""
+"""Rotation: the wheel, the planetary gear, play, wanted states, and sensors beyond angle, speed and torque."""
+
+import casadi as ca
 
 from cartpend_dae.language import Component, Param, Statements, der, param, port, signal, var
 from cartpend_dae.library import translational
-from cartpend_dae.library.rotational import Flange, Rigid
+from cartpend_dae.library.rotational import CompliantWithSpeed, Flange, Rigid
 
 
 class IdealRollingWheel(Component):
@@ -118,3 +120,46 @@ class PowerSensor(Rigid):
         yield from super().equations()
         yield self.flange_a.tau + self.flange_b.tau == 0
         yield self.power == self.flange_a.tau * der(self.phi)
+
+
+def backlash(rel: ca.SX, spring_slope: ca.SX, damping: ca.SX, half: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return the spring's effort outside the gap of +-half, and the damper's where there is contact."""
+    spring = spring_slope * (ca.fmax(rel - half, 0) + ca.fmin(rel + half, 0))
+    return spring, ca.if_else(ca.fabs(rel) > half, damping, 0)
+
+
+class ElastoBacklash(CompliantWithSpeed):
+    """Spring and damper with play b: tau = c (x -+ b/2) + d w_rel for |x| > b/2, and 0 within; x = phi_rel - phi_rel0.
+
+    The sides only push, tau x >= 0, and the damper's torque is at most as large as the spring's, so that the torque
+    does not jump at a contact.
+    """
+
+    c: Param = param(unit="N.m/rad", min=0, doc="stiffness")
+    d: Param = param(unit="N.m.s/rad", min=0, doc="damping")
+    b: Param = param(unit="rad", default=0.0, min=0, doc="total play")
+    phi_rel0: Param = param(unit="rad", default=0.0, doc="angle in the middle of the play")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        spring, damper = backlash(self.phi_rel - self.phi_rel0, self.c, self.d * self.w_rel, self.b / 2)
+        size = ca.fabs(spring)
+        yield self.tau == spring + ca.fmin(ca.fmax(damper, -size), size)
+
+
+class ElastoBacklash2(CompliantWithSpeed):
+    """Spring and damper with play b, tau = c (x -+ b/2) + d w_rel for |x| > b/2, and 0 within; x = phi_rel - phi_rel0.
+
+    The sides only push, tau x >= 0; the damper acts in full from the contact on, where the torque jumps.
+    """
+
+    c: Param = param(unit="N.m/rad", min=0, doc="stiffness")
+    d: Param = param(unit="N.m.s/rad", min=0, doc="damping")
+    b: Param = param(unit="rad", default=0.0, min=0, doc="total play")
+    phi_rel0: Param = param(unit="rad", default=0.0, doc="angle in the middle of the play")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        spring, damper = backlash(self.phi_rel - self.phi_rel0, self.c, self.d * self.w_rel, self.b / 2)
+        total = spring + damper
+        yield self.tau == ca.if_else(spring > 0, ca.fmax(total, 0), ca.if_else(spring < 0, ca.fmin(total, 0), 0))

@@ -1,7 +1,9 @@
-"""Translation: wanted states, and sensors beyond position, speed and force."""
+"""Translation: contact, wanted states, and sensors beyond position, speed and force."""
 
-from cartpend_dae.language import Component, Statements, der, port, signal, var
-from cartpend_dae.library.translational import Flange, Rigid
+import casadi as ca
+
+from cartpend_dae.language import Component, Param, Statements, der, param, port, signal, var
+from cartpend_dae.library.translational import CompliantWithSpeed, Flange, Rigid
 
 
 class RelativeStates(Component):
@@ -69,3 +71,23 @@ class PowerSensor(Rigid):
         yield from super().equations()
         yield self.flange_a.f + self.flange_b.f == 0
         yield self.power == self.flange_a.f * der(self.s)
+
+
+class ElastoGap(CompliantWithSpeed):
+    """One-sided contact, f = -c s_ref (x/s_ref)^n + d v_rel, x = s_rel0 - s_rel > 0, and f = 0 where the gap is open.
+
+    The sides only push, and the damper's force is at most as large as the spring's.
+    """
+
+    c: Param = param(unit="N/m", min=0, doc="stiffness; for n other than 1 the mean one up to s_ref")
+    d: Param = param(unit="N.s/m", min=0, doc="damping")
+    n: Param = param(unit="1", default=1.0, min=0, doc="exponent of the spring")
+    s_rel0: Param = param(unit="m", default=0.0, doc="relative position at which the contact closes")
+    s_ref: Param = param(unit="m", default=1.0, min=0, doc="depth at which the spring has the force c s_ref")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        depth = ca.fmax(self.s_rel0 - self.s_rel, 0)
+        spring = self.c * self.s_ref * ca.if_else(depth > 0, (depth / self.s_ref) ** self.n, 0)
+        damper = ca.if_else(depth > 0, self.d * self.v_rel, 0)
+        yield self.f == -spring + ca.fmin(ca.fmax(damper, -spring), spring)
