@@ -184,13 +184,11 @@ class DCMotor(Component):
 class IdealDiode(OnePort):
     """Diode of two straight lines, i = Goff u below Vknee, and i = (u - Vknee)/Ron + Goff Vknee above it."""
 
-    s = var(unit="1", doc="place on the two lines: below 0 volts under the knee, above 0 amperes over it")
     Ron: Param = param(unit="Ohm", default=1e-5, min=0, doc="resistance above the knee")
     Goff: Param = param(unit="S", default=1e-5, min=0, doc="conductance below the knee")
     Vknee: Param = param(unit="V", default=0.0, min=0, doc="voltage of the knee")
 
     def equations(self) -> Statements:
         yield from super().equations()
-        below, above = ca.fmin(self.s, 0), ca.fmax(self.s, 0)
-        yield self.u == self.Vknee + below + self.Ron * above
-        yield self.i == self.Goff * (self.Vknee + below) + above
+        over = self.u - self.Vknee
+        yield self.i == self.Goff * (ca.fmin(over, 0) + self.Vknee) + ca.fmax(over, 0) / self.Ron
