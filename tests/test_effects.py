@@ -5,7 +5,8 @@ import pytest
 
 from cartpend_dae import ModelError, assemble, connect, simulate
 from cartpend_dae.effects import Insertion, catalogue, insert, places
-from cartpend_dae.effects.insert import component_at, rebuild, walk
+from cartpend_dae.effects.insert import component_at, rebuild
+from cartpend_dae.effects.places import walk
 from cartpend_dae.library import rotational
 from cartpend_dae.units import same_dimension
 from models.driven_cart import DrivenCart

@@ -2,6 +2,7 @@
 
 from cartpend_dae.effects.card import Card, EffectParameter
 from cartpend_dae.effects.catalogue import catalogue
-from cartpend_dae.effects.insert import Insertion, Place, insert, places
+from cartpend_dae.effects.insert import Insertion, insert
+from cartpend_dae.effects.places import Place, places
 
 __all__ = ["Card", "EffectParameter", "Insertion", "Place", "catalogue", "insert", "places"]
