@@ -3,15 +3,14 @@
 Ports that nothing joins, those of the whole model too, pass no flow.
 """
 
-from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import casadi as ca
 
 from cartpend_dae.collector import Collector, collecting
+from cartpend_dae.connections import connect_all, join
 from cartpend_dae.errors import ModelError
-from cartpend_dae.graph import DisjointSets
+from cartpend_dae.gathered import Gathered
 from cartpend_dae.language import (
     Component,
     Connection,
@@ -25,31 +24,9 @@ from cartpend_dae.language import (
     used_ports_of,
     variables_of,
 )
-from cartpend_dae.quantities import Flow, Port, Signal, state_of
+from cartpend_dae.quantities import Flow, Signal, state_of
 from cartpend_dae.system import FlatSystem, Frictions, Initials, Kind, Parameter, Variable
-
-
-@dataclass(slots=True)
-class _Tables:
-    """What is gathered on the walk through the tree; symbols are found by their element hash."""
-
-    components: list[tuple[str, Component]] = field(default_factory=list)
-    path_of: dict[int, str] = field(default_factory=dict)
-    variables: list[Variable] = field(default_factory=list)
-    symbols: list[ca.SX] = field(default_factory=list)
-    index_of: dict[int, int] = field(default_factory=dict)
-    parameters: list[Parameter] = field(default_factory=list)
-    parameter_symbols: list[ca.SX] = field(default_factory=list)
-    bindings: list[ca.SX] = field(default_factory=list)
-    residuals: list[ca.SX] = field(default_factory=list)
-    origins: list[str] = field(default_factory=list)
-    own_equations: Counter[str] = field(default_factory=Counter)
-    frictions: list[tuple[str, int]] = field(default_factory=list)
-    initials: list[tuple[str, Initial]] = field(default_factory=list)
-    sets: DisjointSets = field(default_factory=DisjointSets)
-    signal_sets: DisjointSets = field(default_factory=DisjointSets)
-    ports: dict[tuple[str, str], Port] = field(default_factory=dict)
-    driven_inside: set[int] = field(default_factory=set)
+from cartpend_dae.templates import Key, Template, enrol, instantiate, make_template, template_key
 
 
 def flatten(model: Component) -> FlatSystem:
@@ -69,16 +46,14 @@ def flatten(model: Component) -> FlatSystem:
     if not isinstance(model, Component):
         found = f"the class `{model.__name__}`" if isinstance(model, type) else f"{model!r}"
         raise ModelError(f"A model is a component that was made, such as `Mass(m=1.0)`, not {found}.")
-    tables = _Tables()
+    tables = Gathered()
     for path, component in _walk(model, ""):
         _declare(tables, path, component)
     collector = Collector(ca.SX.sym("time"))
-    with collecting(collector):
-        for path, component in tables.components:
-            _collect(tables, collector, path, component)
+    _collect_all(tables, collector)
     for path, component in tables.components:
         _declare_parameters(tables, path, component)
-    inputs = _connect(tables)
+    inputs = connect_all(tables)
     _check_balance(tables, inputs, type(model).__name__)
     return _freeze(tables, collector, inputs, type(model).__name__)
 
@@ -89,7 +64,7 @@ def _walk(component: Component, path: str) -> Iterator[tuple[str, Component]]:
         yield from _walk(part, f"{path}.{name}" if path else name)
 
 
-def _declare(tables: _Tables, path: str, component: Component) -> None:
+def _declare(tables: Gathered, path: str, component: Component) -> None:
     if id(component) in tables.path_of:
         raise ModelError(
             f"The same {type(component).__name__} stands in the model twice, as `{tables.path_of[id(component)]}` "
@@ -111,7 +86,7 @@ def _declare(tables: _Tables, path: str, component: Component) -> None:
             _add_variable(tables, variable, getattr(port, name))
 
 
-def _declare_parameters(tables: _Tables, path: str, component: Component) -> None:
+def _declare_parameters(tables: Gathered, path: str, component: Component) -> None:
     """Note the parameters, after the equations, which may ask `is_zero`."""
     built_as_zero = state_of(component).built_as_zero
     for name, declared in parameters_of(type(component)).items():
@@ -128,19 +103,46 @@ def _declare_parameters(tables: _Tables, path: str, component: Component) -> Non
         tables.bindings.append(bound)
 
 
-def _add_variable(tables: _Tables, variable: Variable, symbol: ca.SX) -> None:
+def _add_variable(tables: Gathered, variable: Variable, symbol: ca.SX) -> None:
     tables.index_of[symbol.element_hash()] = len(tables.variables)
     tables.variables.append(variable)
     tables.symbols.append(symbol)
 
 
-def _collect(tables: _Tables, collector: Collector, path: str, component: Component) -> None:
+def _collect_all(tables: Gathered, collector: Collector) -> None:
+    """Collect the equations of all components, those of one kind together."""
+    templates: dict[Key, Template | None] = {}
+    with collecting(collector):
+        for path, component in tables.components:
+            key = template_key(component)
+            template = templates.get(key) if key is not None else None
+            if template is not None:
+                enrol(template, component, collector, len(tables.residuals))
+                tables.residuals.append(ca.SX(0, 1))
+                where = path or type(component).__name__
+                tables.origins += [f"{where}: equation {k}" for k in range(1, template.n_equations + 1)]
+                tables.own_equations[path] = template.n_equations
+                continue
+            before = (len(tables.residuals), len(collector.frictions), len(tables.initials), tables.n_connections)
+            _collect(tables, collector, path, component)
+            after = (len(collector.frictions), len(tables.initials), tables.n_connections)
+            if key is not None and key not in templates:
+                is_pure = before[1:] == after
+                templates[key] = make_template(component, tables.residuals[before[0] :], collector) if is_pure else None
+    for template in templates.values():
+        if template is not None:
+            columns = instantiate(template, collector.time)
+            for position, column in zip(template.positions, columns, strict=True):
+                tables.residuals[position] = column
+
+
+def _collect(tables: Gathered, collector: Collector, path: str, component: Component) -> None:
     where = path or type(component).__name__
     n_frictions = len(collector.frictions)
     for count, statement in enumerate(_statements(component, where), start=1):
         origin = f"{where}: equation {count}"
         if isinstance(statement, Connection):
-            _join(tables, path, component, statement)
+            join(tables, path, component, statement)
         elif isinstance(statement, Initial):
             tables.initials.append((f"{where}: initial equation {count}", statement))
         else:
@@ -149,7 +151,7 @@ def _collect(tables: _Tables, collector: Collector, path: str, component: Compon
             tables.own_equations[path] += 1
     for _, connections in attached_to(component).values():
         for connection in connections:
-            _join(tables, path, None, connection)
+            join(tables, path, None, connection)
     tables.frictions += [(where, i) for i in range(n_frictions, len(collector.frictions))]
 
 
@@ -172,106 +174,19 @@ def _residual(statement: object, origin: str) -> ca.SX:
     return statement.dep(0) - statement.dep(1)
 
 
-def _join(tables: _Tables, path: str, component: Component | None, connection: Connection) -> None:
-    """Note a connection; a port of the connecting component itself is seen from its inside.
-
-    `component` is None for a part attached from outside, which sees all ports from outside.
-    """
-    where = path or "the model"
-    keys: list[object] = []
-    for end in connection.ends:
-        if isinstance(end, Port):
-            if id(end.owner) not in tables.path_of:
-                raise ModelError(
-                    f"`connect` in `{where}` names a port `{end.name}` of a {type(end.owner).__name__} "
-                    f"that is no part of the model: store it in an attribute in `__post_init__`."
-                )
-            side = "outside" if end.owner is component else "inside"
-            keys.append((tables.path_of[id(end.owner)], end.name, side))
-        else:
-            index = tables.index_of.get(end.element_hash()) if end.is_symbolic() else None
-            if index is None or tables.variables[index].kind not in ("input", "output", "variable"):
-                raise ModelError(f"`connect` in `{where}` names `{end}`, which is neither a port nor a signal.")
-            keys.append(index)
-            if component is not None and end.element_hash() in {
-                s.element_hash() for s in symbols_of(component).values()
-            }:
-                tables.driven_inside.add(index)
-    sets = tables.sets if isinstance(connection.ends[0], Port) else tables.signal_sets
-    for key in keys[1:]:
-        sets.join(keys[0], key)
-
-
-def _connect(tables: _Tables) -> tuple[int, ...]:
-    """Add the equations of all connection sets and return the variables that are inputs of the model."""
-    for path, name in tables.ports:
-        tables.sets.find((path, name, "inside"))
-    for members in tables.sets.sets():
-        _port_equations(tables, members)  # type: ignore[arg-type]
-    undriven = {i for i, variable in enumerate(tables.variables) if variable.kind == "input"}
-    external: list[int] = []
-    for members in tables.signal_sets.sets():
-        indices = sorted((int(i) for i in members), key=lambda i: (tables.variables[i].name.count("."), i))  # type: ignore[call-overload]
-        outputs = [i for i in indices if tables.variables[i].kind in ("output", "variable")]
-        sources = [i for i in outputs if i not in tables.driven_inside] or outputs[-1:]
-        if len(sources) > 1:
-            raise ModelError(_two_sources(tables, sources, indices))
-        undriven -= set(indices)
-        source = sources[0] if sources else indices[0]
-        tables.driven_inside.discard(source)
-        if not sources:
-            external.append(source)
-        for index in indices:
-            if index != source:
-                tables.residuals.append(tables.symbols[index] - tables.symbols[source])
-                tables.origins.append(_set_name([tables.variables[source].name, tables.variables[index].name]))
-    return tuple(sorted(undriven | set(external)))
-
-
-def _two_sources(tables: _Tables, sources: list[int], members: list[int]) -> str:
-    driving, driven = (
-        " and ".join(f"`{tables.variables[i].name}`" for i in chosen)
-        for chosen in (sources, [i for i in members if i not in sources])
-    )
-    return f"The outputs {driving} {f'drive the same signal, {driven}' if driven else 'are joined'}: keep one of them."
-
-
-def _port_equations(tables: _Tables, members: list[tuple[str, str, str]]) -> None:
-    ports = [(tables.ports[path, name], side) for path, name, side in members]
-    names = [f"{path}.{name}" if path else name for path, name, _ in members]
-    label = _set_name(names)
-    for quantity, kind in type(ports[0][0]).quantities.items():
-        if isinstance(kind, Flow):
-            total = ca.SX(0)
-            for port, side in ports:
-                total += getattr(port, quantity) if side == "inside" else -getattr(port, quantity)
-            tables.residuals.append(total)
-            tables.origins.append(f"{label}: sum of {quantity}")
-        else:
-            for name, (port, _) in zip(names[1:], ports[1:], strict=True):
-                tables.residuals.append(getattr(ports[0][0], quantity) - getattr(port, quantity))
-                tables.origins.append(f"{_set_name([names[0], name])}: equal {quantity}")
-
-
-def _set_name(names: list[str]) -> str:
-    if len(names) == 1:
-        return f"unconnected {names[0]}"
-    return "connection of " + ", ".join(sorted(set(names)))
-
-
-def _check_balance(tables: _Tables, inputs: tuple[int, ...], name: str) -> None:
+def _check_balance(tables: Gathered, inputs: tuple[int, ...], name: str) -> None:
     n_unknowns = len(tables.variables) - len(inputs)
     findings = sorted(_local_findings(tables))
-    if n_unknowns == len(tables.residuals) and not findings:
+    if n_unknowns == len(tables.origins) and not findings:
         return
-    counts = f"{name} has {len(tables.residuals)} equations for {n_unknowns} unknowns"
+    counts = f"{name} has {len(tables.origins)} equations for {n_unknowns} unknowns"
     listing = "\n".join(f"  - {finding}" for finding in findings)
     if not findings:
         listing = "  - every component is balanced by itself: look at what is connected"
     raise ModelError(f"{counts}; look here:\n{listing}")
 
 
-def _local_findings(tables: _Tables) -> Iterator[str]:
+def _local_findings(tables: Gathered) -> Iterator[str]:
     """Compare each component's equations with own variables + output signals + flows of its ports."""
     inner = {key[:2] for members in tables.sets.sets() for key in members if key[2] == "outside"}  # type: ignore[index]
     for path, component in tables.components:
@@ -295,7 +210,7 @@ def _local_findings(tables: _Tables) -> Iterator[str]:
             )
 
 
-def _freeze(tables: _Tables, collector: Collector, inputs: tuple[int, ...], name: str) -> FlatSystem:
+def _freeze(tables: Gathered, collector: Collector, inputs: tuple[int, ...], name: str) -> FlatSystem:
     derivatives, symbols, zero = _derivatives(tables, collector)
     residual = ca.vertcat(*tables.residuals) if tables.residuals else ca.SX(0, 1)
     f = _frictions(tables, collector)
@@ -328,7 +243,7 @@ def _freeze(tables: _Tables, collector: Collector, inputs: tuple[int, ...], name
     return flat
 
 
-def _derivatives(tables: _Tables, collector: Collector) -> tuple[tuple[tuple[int, int], ...], ca.SX, list[ca.SX]]:
+def _derivatives(tables: Gathered, collector: Collector) -> tuple[tuple[tuple[int, int], ...], ca.SX, list[ca.SX]]:
     """Return (variable, order) and symbol of each derivative, and the derivatives of parameters, which are zero."""
     parameters = {symbol.element_hash() for symbol in tables.parameter_symbols}
     known: dict[int, tuple[int, int] | None] = {}
@@ -352,7 +267,7 @@ def _derivatives(tables: _Tables, collector: Collector) -> tuple[tuple[tuple[int
     return tuple(keys), ca.vertcat(*symbols) if symbols else ca.SX(0, 1), zero
 
 
-def _frictions(tables: _Tables, collector: Collector) -> Frictions:
+def _frictions(tables: Gathered, collector: Collector) -> Frictions:
     items = [(place, collector.frictions[i]) for place, i in tables.frictions]
     if not items:
         none = ca.SX(0, 1)

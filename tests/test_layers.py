@@ -17,7 +17,9 @@ LAYERS = """
     language
     library
     system
-    flatten dimension_rules
+    gathered templates dimension_rules
+    connections
+    flatten
     dimensions
     alias
     index
