@@ -179,7 +179,7 @@ def _merge(flat: FlatSystem, rows: list[_Row], chains: _Chains) -> tuple[set[int
         if row.equation in used:
             continue
         _reduce(row, chains)
-        if len(row.terms) == 0:
+        if not row.terms:
             _check_constant(flat, row)
             redundant.append(flat.origins[row.equation])
             used.add(row.equation)
@@ -198,15 +198,23 @@ def _merge(flat: FlatSystem, rows: list[_Row], chains: _Chains) -> tuple[set[int
 
 def _reduce(row: _Row, chains: _Chains) -> None:
     """Write a row in the bases of the chains, in place."""
+    joined = chains.relations
+    if not any(variable in joined for variable, _ in row.terms):
+        return
     terms: dict[tuple[int, int], Coefficient] = {}
-    for (variable, order), coefficient in row.terms.items():
-        relation = chains.find(variable)
-        if order == 0:
-            row.constant = _add(row.constant, _times(coefficient, relation.offset))
-        if relation.base == _CONSTANT:
-            continue
-        key = (relation.base, relation.order + order)
-        terms[key] = _add(terms.get(key, _ZERO), _times(coefficient, relation.factor))
+    constant = row.constant
+    for key, coefficient in row.terms.items():
+        variable, order = key
+        if variable in joined:
+            relation = chains.find(variable)
+            if order == 0 and not _is_zero(relation.offset):
+                constant = _add(constant, _times(coefficient, relation.offset))
+            if relation.base == _CONSTANT:
+                continue
+            key = (relation.base, relation.order + order)
+            coefficient = _times(coefficient, relation.factor)
+        terms[key] = _add(terms[key], coefficient) if key in terms else coefficient
+    row.constant = constant
     row.terms = {key: value for key, value in terms.items() if not _is_zero(value)}
 
 

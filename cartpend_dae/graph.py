@@ -3,7 +3,7 @@
 Nothing here knows a model or CasADi.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from graphlib import TopologicalSorter
 
 import numpy as np
@@ -119,7 +119,49 @@ def blocks(rows: Sequence[int], columns: Sequence[int], match: np.ndarray) -> li
     return [members[block] for block in order.static_order()]
 
 
-def reachable(start: Iterable[int], edges: dict[int, Iterable[int]]) -> set[int]:
+def dulmage_mendelsohn(
+    rows: Sequence[int], columns: Sequence[int], match: np.ndarray, shape: tuple[int, int]
+) -> tuple[tuple[list[int], list[int]], tuple[list[int], list[int]]]:
+    """Find the equations that are too many for their unknowns, and the unknowns too many for their equations.
+
+    Both parts are the same whichever maximum matching is given: alternating paths lead from its unmatched
+    equations to the first, and from its unmatched unknowns to the second.
+
+    Parameters
+    ----------
+    rows, columns
+        Coordinates of the incidence.
+    match
+        For each equation the unknown matched with it, or -1; a maximum matching, shape ``(shape[0],)``.
+    shape
+        Number of equations and of unknowns.
+
+    Returns
+    -------
+    tuple
+        Over-determined part and under-determined part, each the ascending equations and unknowns of it.
+
+    References
+    ----------
+    A. Pothen, C.-J. Fan, "Computing the block triangular form of a sparse matrix", ACM TOMS 16 (1990),
+    303-324, doi:10.1145/98267.98287.
+    """
+    n = shape[0]  # node i is equation i, node n + j is unknown j
+    down: dict[int, list[int]] = {n + int(j): [i] for i, j in enumerate(match) if j >= 0}
+    up: dict[int, list[int]] = {i: [n + int(j)] for i, j in enumerate(match) if j >= 0}
+    free_unknowns = [node for node in range(n, n + shape[1]) if node not in down]
+    for i, j in zip(rows, columns, strict=True):
+        down.setdefault(int(i), []).append(n + int(j))
+        up.setdefault(n + int(j), []).append(int(i))
+    over = sorted(reachable(np.flatnonzero(match < 0).tolist(), down))
+    under = sorted(reachable(free_unknowns, up))
+    return (
+        ([node for node in over if node < n], [node - n for node in over if node >= n]),
+        ([node for node in under if node < n], [node - n for node in under if node >= n]),
+    )
+
+
+def reachable(start: Iterable[int], edges: Mapping[int, Iterable[int]]) -> set[int]:
     """Return all nodes that a path from `start` reaches, `start` included."""
     found = set(start)
     open_nodes = list(found)

@@ -247,7 +247,7 @@ def run(example: Example) -> Outcome:
     reference = data[:, 0]
     begun = time.perf_counter()
     times = grid(reference, getattr(example.module, "EVENTS", ()))
-    result = simulate(example.model, times=times, **getattr(example.module, "OPTIONS", {}))
+    result = simulate(example.model, times=times)
     seconds = time.perf_counter() - begun
     tube, use = example.spec["check"]["tube"], {}
     for listed in example.spec["signals"]:

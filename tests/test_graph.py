@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cartpend_dae.graph import DisjointSets, blocks, matching, reachable, structural_offsets
+from cartpend_dae.graph import DisjointSets, blocks, dulmage_mendelsohn, matching, reachable, structural_offsets
 
 
 @st.composite
@@ -66,6 +66,29 @@ def test_a_deficient_set_stays_unmatched():
     assert match.count(-1) == 1
     assert match[3] == 2
     assert 3 not in match
+
+
+@given(incidences(4, 4))
+def test_over_and_under_determined_parts_are_what_some_largest_matching_leaves_out(incidence):
+    """An equation is one too many if the others are matched as well without it; unknowns likewise."""
+    shape, entries = incidence
+    (over, short), (few, under) = dulmage_mendelsohn(*split(entries), matching(*split(entries), shape), shape)
+    size = largest_matching(shape, entries)
+    idle = [i for i in range(shape[0]) if largest_matching(shape, [e for e in entries if e[0] != i]) == size]
+    loose = [j for j in range(shape[1]) if largest_matching(shape, [e for e in entries if e[1] != j]) == size]
+    assert over == idle
+    assert short == sorted({j for i, j in entries if i in idle})
+    assert under == loose
+    assert few == sorted({i for i, j in entries if j in loose})
+    # and the surplus of each part is what the matching lacks
+    assert len(over) - len(short) == shape[0] - size
+    assert len(under) - len(few) == shape[1] - size
+
+
+def test_three_equations_in_two_unknowns_are_named_apart_from_what_is_sound():
+    entries = [(0, 0), (0, 1), (1, 0), (2, 1), (3, 1), (3, 2), (4, 2), (4, 3), (4, 4)]
+    match = matching(*split(entries), (5, 5))
+    assert dulmage_mendelsohn(*split(entries), match, (5, 5)) == (([0, 1, 2], [0, 1]), ([4], [3, 4]))
 
 
 @given(solvable())

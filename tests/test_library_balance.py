@@ -26,9 +26,7 @@ from cartpend_dae.language import (
 from cartpend_dae.library import electrical, rotational
 from cartpend_dae.units import parse, same_dimension
 
-MODULES = [
-    import_module(f"{library.__name__}.{found.name}") for found in pkgutil.iter_modules(library.__path__)
-]
+MODULES = [import_module(f"{library.__name__}.{found.name}") for found in pkgutil.iter_modules(library.__path__)]
 
 
 def classes_of(kind):
@@ -68,14 +66,33 @@ def test_the_search_finds_the_library():
     assert rotational.Compliant not in COMPONENTS
 
 
+def check_balance(cls, component):
+    unknowns = [q for q in variables_of(cls).values() if not (isinstance(q, Signal) and q.direction == "in")]
+    flows = [q for p in ports_of(cls).values() for q in p.kind.quantities.values() if isinstance(q, Flow)]
+    statements = [s for s in statements_of(component) if not isinstance(s, Initial)]
+    assert all(isinstance(s, ca.SX) and s.op() == ca.OP_EQ for s in statements)
+    assert len(statements) == len(unknowns) + len(flows)
+
+
 @pytest.mark.parametrize("value", [0.5, 0.0])
 @pytest.mark.parametrize("cls", [cls for cls in COMPONENTS if not parts_of(make(cls))], ids=label)
 def test_equations_are_as_many_as_variables_outputs_and_flows(cls, value):
-    unknowns = [q for q in variables_of(cls).values() if not (isinstance(q, Signal) and q.direction == "in")]
-    flows = [q for p in ports_of(cls).values() for q in p.kind.quantities.values() if isinstance(q, Flow)]
-    statements = [s for s in statements_of(make(cls, value)) if not isinstance(s, Initial)]
-    assert all(isinstance(s, ca.SX) and s.op() == ca.OP_EQ for s in statements)
-    assert len(statements) == len(unknowns) + len(flows)
+    check_balance(cls, make(cls, value))
+
+
+SWITCHES = [
+    (cls, name)
+    for cls in COMPONENTS
+    for name in constructor_fields(cls)
+    if isinstance(getattr(cls, name, None), bool) and not parts_of(make(cls))
+]
+
+
+@pytest.mark.parametrize(("cls", "switch"), SWITCHES, ids=lambda x: x if isinstance(x, str) else label(x))
+def test_a_structural_switch_keeps_the_balance(cls, switch):
+    other = not getattr(cls, switch)
+    parameters = dict.fromkeys(parameters_of(cls), 0.5)
+    check_balance(cls, cls(**parameters, **{switch: other}))
 
 
 @pytest.mark.parametrize("value", [0.5, 0.0])

@@ -159,3 +159,8 @@ def test_stiffness_is_found_from_rest():
     result = run(model, 1.0)
     np.testing.assert_allclose(result["spring.c"], 2.0 * 9.80665 / 0.2, rtol=1e-10)
     np.testing.assert_allclose(result["slider.s"], 0.5, atol=1e-9)
+
+
+def test_a_slider_needs_a_direction():
+    with pytest.raises(ValueError, match=r"must not be \(0, 0\)"):
+        p.Prismatic(n=(0.0, 0.0))

@@ -137,3 +137,15 @@ def test_table_goes_on_with_its_first_and_last_slope():
 def test_table_of_one_row_is_a_constant():
     result = response(s.Ramp(height=4.0, duration=2.0), s.Table1D(table=((0.0, 1.5),)))
     np.testing.assert_allclose(result["block.y"], 1.5, rtol=1e-15)
+
+
+@pytest.mark.parametrize("table", [(), ((1.0, 0.0), (0.5, 1.0))])
+@pytest.mark.parametrize("kind", [s.TimeTable, s.Table1D])
+def test_table_out_of_order_is_refused(kind, table):
+    with pytest.raises(ValueError, match=f"{kind.__name__}: `table` needs rows of two numbers"):
+        kind(table=table)
+
+
+def test_table_of_a_block_has_no_jumps():
+    with pytest.raises(ValueError, match="whose first column must rise"):
+        s.Table1D(table=((0.0, 0.0), (0.0, 1.0)))

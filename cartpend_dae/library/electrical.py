@@ -192,3 +192,15 @@ class IdealDiode(OnePort):
         yield from super().equations()
         over = self.u - self.Vknee
         yield self.i == self.Goff * (ca.fmin(over, 0) + self.Vknee) + ca.fmax(over, 0) / self.Ron
+
+
+class IdealSwitch(OnePort):
+    """Switch, i = u/Ron while control > 0.5, and i = Goff u otherwise."""
+
+    control = signal("in", unit="1", doc="closed above 0.5")
+    Ron: Param = param(unit="Ohm", default=1e-5, min=0, doc="resistance of the closed switch")
+    Goff: Param = param(unit="S", default=1e-5, min=0, doc="conductance of the open switch")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        yield self.i == self.u * ca.if_else(self.control > 0.5, 1 / self.Ron, self.Goff)

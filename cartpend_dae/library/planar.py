@@ -131,6 +131,10 @@ class Prismatic(TwoFrames):
     a = var(unit="m/s2", doc="acceleration of frame b along the axis")
     n: tuple[float, float] = (1.0, 0.0)
 
+    def __post_init__(self) -> None:
+        if hypot(*self.n) == 0:
+            raise ValueError("Prismatic: the axis `n` must not be (0, 0).")
+
     def equations(self) -> Statements:
         # numbers, not parameters: an axis of zero in one direction decides which coordinates may be states
         n_x, n_y = (coordinate / hypot(*self.n) for coordinate in self.n)

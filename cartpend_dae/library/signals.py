@@ -11,6 +11,14 @@ import casadi as ca
 from cartpend_dae.language import Component, Param, Statements, der, param, signal, time, var
 
 
+def _check_table(name: str, table: tuple[tuple[float, float], ...], *, jumps: bool) -> None:
+    """Refuse an empty table, and one whose first column falls, or stands still where no jump is allowed."""
+    steps = [second[0] - first[0] for first, second in pairwise(table)]
+    if not table or min(steps, default=1.0) < 0 or (not jumps and min(steps, default=1.0) == 0):
+        order = "not fall" if jumps else "rise"
+        raise ValueError(f"{name}: `table` needs rows of two numbers whose first column must {order}, not {table!r}.")
+
+
 class Source(Component):
     """A signal of time alone; base of sources."""
 
@@ -118,6 +126,9 @@ class TimeTable(Source):
 
     table: tuple[tuple[float, float], ...]
 
+    def __post_init__(self) -> None:
+        _check_table(type(self).__name__, self.table, jumps=True)
+
     def equations(self) -> Statements:
         value = ca.SX(float(self.table[0][1]))
         for (t_k, y_k), (t_l, y_l) in pairwise(self.table):
@@ -160,6 +171,9 @@ class Table1D(Block):
     """Points joined by lines, y = y_k + (y_l - y_k) (u - u_k)/(u_l - u_k); outside the first or last line goes on."""
 
     table: tuple[tuple[float, float], ...]
+
+    def __post_init__(self) -> None:
+        _check_table(type(self).__name__, self.table, jumps=False)
 
     def equations(self) -> Statements:
         lines = [y_k + (y_l - y_k) / (u_l - u_k) * (self.u - u_k) for (u_k, y_k), (u_l, y_l) in pairwise(self.table)]
