@@ -13,7 +13,16 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.errors import StructureError
-from cartpend_dae.system import AliasedSystem, Coefficient, FlatSystem, Frictions, Initials, Relation
+from cartpend_dae.system import (
+    AliasedSystem,
+    Coefficient,
+    FlatSystem,
+    Frictions,
+    Initials,
+    Relation,
+    coefficient_column,
+    symbolic,
+)
 
 _ONE, _ZERO = 1, 0
 _CONSTANT = -1
@@ -152,11 +161,6 @@ def _divide(a: Coefficient, b: Coefficient) -> Coefficient:
     if isinstance(a, ca.SX) or isinstance(b, ca.SX):
         return symbolic(a) / symbolic(b)
     return a * b if b in (1, -1) else Fraction(a) / b
-
-
-def symbolic(value: Coefficient) -> ca.SX:
-    """Return a coefficient as a CasADi expression."""
-    return value if isinstance(value, ca.SX) else ca.SX(float(value))
 
 
 def _is_zero(value: Coefficient) -> bool:
@@ -340,12 +344,3 @@ def relation_values(wanted: list[tuple[Relation, int]], keys: tuple[tuple[int, i
     factors = coefficient_column([r.factor for r, _ in wanted])
     offsets = coefficient_column([r.offset if more == 0 else 0 for r, more in wanted])
     return factors * ca.vertcat(symbols, 0)[index, 0] + offsets
-
-
-def coefficient_column(values: list[Coefficient]) -> ca.SX:
-    """Return coefficients as a column, numbers all at once."""
-    column = ca.SX(ca.DM([0.0 if isinstance(v, ca.SX) else float(v) for v in values]))
-    for i, value in enumerate(values):
-        if isinstance(value, ca.SX):
-            column[i] = value
-    return column

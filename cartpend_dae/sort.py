@@ -9,7 +9,7 @@ from collections import defaultdict
 import casadi as ca
 import numpy as np
 
-from cartpend_dae.alias import coefficient_column, nonzeros, relation_values
+from cartpend_dae.alias import nonzeros, relation_values
 from cartpend_dae.errors import StructureError
 from cartpend_dae.graph import blocks, matching
 from cartpend_dae.system import (
@@ -21,6 +21,8 @@ from cartpend_dae.system import (
     Initials,
     StateRelation,
     System,
+    coefficient_column,
+    is_literal,
 )
 
 # decay of a violated constraint [1/s]: fast against the drift of any tolerance, slow against the motion
@@ -90,9 +92,9 @@ def sort(indexed: IndexedSystem) -> System:
         invariants=invariants,
         invariant_origins=indexed.invariant_origins,
         differentiated=indexed.differentiated,
-        eliminated=_eliminated(aliased),
+        aliased=aliased,
+        names=names,
         redundant=aliased.redundant,
-        remaining=_readable(aliased, names),
     )
 
 
@@ -121,7 +123,7 @@ def _names(aliased: AliasedSystem) -> dict[tuple[int, int], str]:
     kinds = {"variable": 0, "output": 1, "input": 2, "potential": 3, "flow": 4}
     for index, (variable, relation) in enumerate(zip(aliased.flat.variables, aliased.relations, strict=True)):
         key = (relation.base, relation.order)
-        if key not in names or not (_is_literal(relation.factor, 1) and _is_literal(relation.offset, 0)):
+        if key not in names or not (is_literal(relation.factor, 1) and is_literal(relation.offset, 0)):
             continue
         score = (0 if index == relation.base else 1, kinds[variable.kind], variable.name.count("."))
         if key not in best or score < best[key]:
@@ -292,54 +294,3 @@ def _state_relations(aliased: AliasedSystem, state_keys: tuple[tuple[int, int], 
     values, _ = _without_dependent_parameters(aliased, [coefficient_column(coefficients)])
     elements = ca.vertsplit(values[0])
     return {name: StateRelation(state, elements[2 * k], elements[2 * k + 1]) for k, (name, state) in enumerate(found)}
-
-
-def _eliminated(aliased: AliasedSystem) -> tuple[str, ...]:
-    """Return each eliminated variable and what it equals, in dotted names."""
-    coefficients = coefficient_column([c for relation in aliased.relations for c in (relation.factor, relation.offset)])
-    renamed = _with_dotted_names(aliased, coefficients, {})
-
-    def text(value: Coefficient, position: int) -> str:
-        return str(renamed[position]) if isinstance(value, ca.SX) else f"{float(value):g}"
-
-    lines = []
-    for index, (variable, relation) in enumerate(zip(aliased.flat.variables, aliased.relations, strict=True)):
-        if relation.base == index:
-            continue
-        offset = text(relation.offset, 2 * index + 1)
-        if relation.base < 0:
-            lines.append(f"{variable.name} = {offset}")
-            continue
-        right = "der(" * relation.order + aliased.flat.variables[relation.base].name + ")" * relation.order
-        if _is_literal(relation.factor, -1):
-            right = f"-{right}"
-        elif not _is_literal(relation.factor, 1):
-            right = f"{text(relation.factor, 2 * index)} * {right}"
-        lines.append(f"{variable.name} = {right}" + ("" if _is_literal(relation.offset, 0) else f" + {offset}"))
-    return tuple(lines)
-
-
-def _is_literal(value: Coefficient, number: int) -> bool:
-    return not isinstance(value, ca.SX) and value == number
-
-
-def _with_dotted_names(aliased: AliasedSystem, expression: ca.SX, names: dict[tuple[int, int], str]) -> ca.SX:
-    flat = aliased.flat
-    keys = [key for key in aliased.keys if key in names]
-    table = dict(zip(aliased.keys, ca.vertsplit(aliased.symbols), strict=True)) if aliased.keys else {}
-    old = [
-        *[table[key] for key in keys],
-        *ca.vertsplit(flat.parameter_symbols),
-        *ca.vertsplit(flat.frictions.force),
-    ]
-    new = [names[key] for key in keys] + [q.name for q in flat.parameters]
-    new += [f"dry_friction({place})" for place in flat.frictions.places]
-    if not old:
-        return expression
-    return ca.substitute(expression, _stack(old), _stack([ca.SX.sym(name) for name in new]))
-
-
-def _readable(aliased: AliasedSystem, names: dict[tuple[int, int], str]) -> tuple[str, ...]:
-    """Return the remaining equations with dotted names."""
-    renamed = _with_dotted_names(aliased, aliased.residual, names)
-    return tuple(f"{origin}:  0 = {renamed[i]}" for i, origin in enumerate(aliased.origins))

@@ -176,9 +176,9 @@ class System:
     invariants: ca.SX
     invariant_origins: tuple[str, ...]
     differentiated: tuple[str, ...]
-    eliminated: tuple[str, ...]
     redundant: tuple[str, ...]
-    remaining: tuple[str, ...]
+    aliased: AliasedSystem
+    names: dict[tuple[int, int], str]
 
     def index_of(self, name: str) -> int:
         """Return the index of a variable.
@@ -220,6 +220,16 @@ class System:
         """Values of the independent parameters, shape (n_p,), SI units."""
         return np.array([q.value for q in self.parameters], dtype=float)
 
+    @property
+    def eliminated(self) -> tuple[str, ...]:
+        """Each eliminated variable and what it equals, in dotted names."""
+        return eliminated_lines(self.aliased)
+
+    @property
+    def remaining(self) -> tuple[str, ...]:
+        """The equations that are left, in dotted names."""
+        return remaining_lines(self.aliased, self.names)
+
     def __str__(self) -> str:
         """Return the equations that are left, in the names of the model."""
         return describe(self)
@@ -250,3 +260,69 @@ def describe(system: System) -> str:
     lines.append("equations left:")
     lines += [f"  {line}" for line in system.remaining]
     return "\n".join(lines)
+
+
+def symbolic(value: Coefficient) -> ca.SX:
+    """Return a coefficient as a CasADi expression."""
+    return value if isinstance(value, ca.SX) else ca.SX(float(value))
+
+
+def coefficient_column(values: list[Coefficient]) -> ca.SX:
+    """Return coefficients as a column, numbers all at once."""
+    column = ca.SX(ca.DM([0.0 if isinstance(v, ca.SX) else float(v) for v in values]))
+    for i, value in enumerate(values):
+        if isinstance(value, ca.SX):
+            column[i] = value
+    return column
+
+
+def is_literal(value: Coefficient, number: int) -> bool:
+    """Whether a coefficient is exactly a number."""
+    return not isinstance(value, ca.SX) and value == number
+
+
+def eliminated_lines(aliased: AliasedSystem) -> tuple[str, ...]:
+    """Return each eliminated variable and what it equals, in dotted names."""
+    coefficients = coefficient_column([c for relation in aliased.relations for c in (relation.factor, relation.offset)])
+    renamed = _with_dotted_names(aliased, coefficients, {})
+
+    def text(value: Coefficient, position: int) -> str:
+        return str(renamed[position]) if isinstance(value, ca.SX) else f"{float(value):g}"
+
+    lines = []
+    for index, (variable, relation) in enumerate(zip(aliased.flat.variables, aliased.relations, strict=True)):
+        if relation.base == index:
+            continue
+        offset = text(relation.offset, 2 * index + 1)
+        if relation.base < 0:
+            lines.append(f"{variable.name} = {offset}")
+            continue
+        right = "der(" * relation.order + aliased.flat.variables[relation.base].name + ")" * relation.order
+        if is_literal(relation.factor, -1):
+            right = f"-{right}"
+        elif not is_literal(relation.factor, 1):
+            right = f"{text(relation.factor, 2 * index)} * {right}"
+        lines.append(f"{variable.name} = {right}" + ("" if is_literal(relation.offset, 0) else f" + {offset}"))
+    return tuple(lines)
+
+
+def _with_dotted_names(aliased: AliasedSystem, expression: ca.SX, names: dict[tuple[int, int], str]) -> ca.SX:
+    flat = aliased.flat
+    keys = [key for key in aliased.keys if key in names]
+    table = dict(zip(aliased.keys, ca.vertsplit(aliased.symbols), strict=True)) if aliased.keys else {}
+    old = [
+        *[table[key] for key in keys],
+        *ca.vertsplit(flat.parameter_symbols),
+        *ca.vertsplit(flat.frictions.force),
+    ]
+    new = [names[key] for key in keys] + [q.name for q in flat.parameters]
+    new += [f"dry_friction({place})" for place in flat.frictions.places]
+    if not old:
+        return expression
+    return ca.substitute(expression, ca.vertcat(*old), ca.vertcat(*[ca.SX.sym(name) for name in new]))
+
+
+def remaining_lines(aliased: AliasedSystem, names: dict[tuple[int, int], str]) -> tuple[str, ...]:
+    """Return the remaining equations with dotted names."""
+    renamed = _with_dotted_names(aliased, aliased.residual, names)
+    return tuple(f"{origin}:  0 = {renamed[i]}" for i, origin in enumerate(aliased.origins))

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from cartpend_dae.alias import alias, symbolic
+from cartpend_dae.alias import alias
 from cartpend_dae.flatten import flatten
 from cartpend_dae.language import Component, parameters_of, parts_of, used_ports_of
 from cartpend_dae.library import rotational, translational
 from cartpend_dae.quantities import Port
-from cartpend_dae.system import AliasedSystem, Coefficient, Relation
+from cartpend_dae.system import AliasedSystem, Coefficient, Relation, symbolic
 
 # the coordinate of a flange; an effect between two flanges acts along it
 COORDINATE: dict[type[Port], str] = {rotational.Flange: "phi", translational.Flange: "s"}
