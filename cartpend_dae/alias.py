@@ -224,7 +224,7 @@ def _reduce(row: _Row, chains: _Chains) -> None:
 
 def _check_constant(flat: FlatSystem, row: _Row) -> None:
     """Refuse 0 = number; an expression of parameters is judged by their present values."""
-    value = _number(flat, row.constant)
+    value = present_value(flat, row.constant)
     if abs(value) > 1e-12:
         raise StructureError(
             f"{flat.origins[row.equation]} contradicts the other equations: after elimination it reads "
@@ -232,7 +232,8 @@ def _check_constant(flat: FlatSystem, row: _Row) -> None:
         )
 
 
-def _number(flat: FlatSystem, value: Coefficient) -> float:
+def present_value(flat: FlatSystem, value: Coefficient) -> float:
+    """Return the value of a coefficient at the present parameters, NaN if it depends on more than these."""
     if not isinstance(value, ca.SX):
         return float(value)
     symbols, bindings = flat.parameter_symbols, flat.parameter_bindings

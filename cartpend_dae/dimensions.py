@@ -8,7 +8,8 @@ as a factor it has none.
 The unit "any" is for generic blocks (a gain, a sum, a filter): its quantities take the dimension of what they are
 set equal to, by a connection or in a sum, and stay unknown where nothing says it. So two quantities that meet in a
 sum are compared even if blocks lie between. The unit "1" means the same in a component without ports that has
-signals of unit "1", as such blocks carry the number of whatever they are connected to; elsewhere "1" is a number.
+variables or signals of unit "1": a block, which carries the number of whatever it is connected to, or an abstract
+equation such as `der(x) == -x`. Elsewhere "1" is a number.
 Where a block has literals other than 0 (a table), these may carry any unit, so that equation is not checked.
 """
 
@@ -89,11 +90,11 @@ def _symbols(flat: FlatSystem) -> list[_Symbol]:
 
 
 def _generic(flat: FlatSystem) -> set[str]:
-    """Return the names of quantities of unit 1 in blocks: components without ports that have signals of unit 1."""
-    numbers = [q.name for q in (*flat.variables, *flat.parameters) if q.declaration.unit == "1"]
-    signals = {q.name for q in flat.variables if q.kind in ("input", "output")}
+    """Return the names of quantities of unit 1 in components without ports that have variables of unit 1."""
+    numbers = [q.name for q in flat.variables if q.declaration.unit == "1"]
     with_ports = {_owner(_owner(q.name)) for q in flat.variables if q.kind in ("potential", "flow")}
-    blocks = {_owner(name) for name in numbers if name in signals} - with_ports
+    blocks = {_owner(name) for name in numbers} - with_ports
+    numbers += [q.name for q in flat.parameters if q.declaration.unit == "1"]
     return {name for name in numbers if _owner(name) in blocks}
 
 

@@ -19,6 +19,7 @@ from typing import NoReturn
 import casadi as ca
 import numpy as np
 
+from cartpend_dae.alias import present_value
 from cartpend_dae.errors import StructureError
 from cartpend_dae.graph import matching, structural_offsets
 from cartpend_dae.system import AliasedSystem, IndexedSystem
@@ -210,8 +211,7 @@ def _dummy_derivatives(
 def _constant_pivots(aliased: AliasedSystem, jacobian: ca.SX, rows: list[int], columns: list[int]) -> dict[int, int]:
     """Eliminate with pivots that are constant in time; return row -> column for the rows that have one.
 
-    Of several the first column is taken: parts come before what they are joined to, so that the
-    coordinates of the later parts become dummies last.
+    Of several, numbers are taken before expressions of parameters, and of these the last column.
     """
     lines = {row: _line(jacobian, row, set(columns)) for row in rows}
     pivots: dict[int, int] = {}
@@ -220,7 +220,7 @@ def _constant_pivots(aliased: AliasedSystem, jacobian: ca.SX, rows: list[int], c
         constant = [j for j, value in line.items() if _is_constant(aliased, value)]
         if not constant:
             continue
-        column = max(constant)
+        column = max(constant, key=lambda j: (line[j].is_constant(), j))
         pivots[row] = column
         for other, others in lines.items():
             if other in pivots or column not in others:
@@ -239,7 +239,9 @@ def _line(jacobian: ca.SX, row: int, columns: set[int]) -> dict[int, ca.SX]:
 
 
 def _is_constant(aliased: AliasedSystem, value: ca.SX) -> bool:
-    """Whether a coefficient is a number, or an expression of parameters."""
+    """Whether a coefficient is a number or an expression of parameters, and is not zero now."""
     if value.is_constant():
         return abs(float(value)) > 1e-12
-    return not ca.depends_on(value, ca.vertcat(aliased.symbols, aliased.flat.time))
+    if ca.depends_on(value, ca.vertcat(aliased.symbols, aliased.flat.time)):
+        return False
+    return abs(present_value(aliased.flat, value)) > 1e-12

@@ -336,6 +336,17 @@ def test_a_derivative_of_a_signal_has_its_unit_per_second():
     assert any("der(lag.y)` in `m/s`" in finding for finding in findings(Filtered()))
 
 
+def test_an_abstract_equation_is_no_business_of_units():
+    class Decay(Component):
+        x = var(unit="1")
+        k: Param = param(unit="1", default=2.0)
+
+        def equations(self):
+            yield der(self.x) == -self.k * self.x
+
+    check_dimensions(flatten(Decay()))
+
+
 def test_a_number_outside_of_blocks_is_a_number():
     class Duty(Component):
         duty: Param = param(unit="1", default=0.5)
