@@ -3,6 +3,7 @@
 import numpy as np
 
 from cartpend_dae.alias import alias
+from cartpend_dae.dimensions import check_dimensions
 from cartpend_dae.errors import ModelError
 from cartpend_dae.flatten import flatten
 from cartpend_dae.index import reduce_index
@@ -29,7 +30,9 @@ def assemble(model: Component | System) -> System:
     """
     if isinstance(model, System):
         return model
-    system = merge_frictions(sort(reduce_index(alias(flatten(model)))))
+    flat = flatten(model)
+    check_dimensions(flat)
+    system = merge_frictions(sort(reduce_index(alias(flat))))
     check_bounds(system, system.parameter_values)
     return system
 

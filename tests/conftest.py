@@ -9,9 +9,7 @@ from hypothesis import settings
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 
-os.environ.setdefault(
-    "MPLBACKEND", "Agg"
-)  # before anything imports matplotlib; commands that tests start inherit it
+os.environ.setdefault("MPLBACKEND", "Agg")  # before anything imports matplotlib; commands that tests start inherit it
 # The same examples in every run, and no time limits: two workers share a machine that we do not know.
 settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.load_profile("repeatable")

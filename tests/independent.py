@@ -145,9 +145,7 @@ def _step(
     return *_runge_kutta(acceleration, sign * level, x_stop, 0.0, h - late), sign
 
 
-def _runge_kutta(
-    acceleration: Acceleration, friction: float, x: float, v: float, h: float
-) -> tuple[float, float]:
+def _runge_kutta(acceleration: Acceleration, friction: float, x: float, v: float, h: float) -> tuple[float, float]:
     a_1 = acceleration(x, v) - friction
     v_2 = v + h / 2 * a_1
     a_2 = acceleration(x + h / 2 * v, v_2) - friction

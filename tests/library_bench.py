@@ -155,9 +155,7 @@ class Domain:
     def make(self, motion: Motion) -> Component:
         name = self.friction if motion.element == "Friction" else motion.element
         names = {"x_rel0": f"{self.x}_rel0", "f_0": f"{self.f}_0", "f_c": f"{self.f}_c"}
-        return getattr(self.module, name)(
-            **{names.get(k, k): value for k, value in motion.parameters.items()}
-        )
+        return getattr(self.module, name)(**{names.get(k, k): value for k, value in motion.parameters.items()})
 
     def relative(self, name: str, motion: Motion) -> str:
         """The name of the relative position or speed of the element."""

@@ -1,9 +1,9 @@
 """A pendulum that sticks and one that does not, from a simulator that shares no code: 20 noise seeds each."""
 
+import independent
 import numpy as np
 import pytest
 
-import independent
 from cartpend_dae.data import Channel, Experiment, Start
 from cartpend_dae.discover import FreeSpec, Setup, discover
 from models.rota_damp import RotaDamp

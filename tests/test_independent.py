@@ -83,8 +83,7 @@ def test_dry_friction_takes_the_energy_that_the_way_costs():
 
 def test_the_result_does_not_depend_on_the_step():
     runs = [
-        independent.pendulum(duration=5.0, angle=-1.0, viscous=0.01, coulomb=0.015, step=h)[1]
-        for h in (2e-4, 5e-4)
+        independent.pendulum(duration=5.0, angle=-1.0, viscous=0.01, coulomb=0.015, step=h)[1] for h in (2e-4, 5e-4)
     ]
     np.testing.assert_allclose(runs[0], runs[1], rtol=0, atol=CLOSE)
 
@@ -97,9 +96,7 @@ def test_samples_are_at_100_hz_and_noise_comes_from_the_generator():
         independent.pendulum(**arguments, noise=1e-3, generator=np.random.default_rng(3))[1] for _ in range(2)
     )
     np.testing.assert_array_equal(noisy, same)
-    np.testing.assert_allclose(
-        noisy - clean, 1e-3 * np.random.default_rng(3).standard_normal(501), atol=1e-15
-    )
+    np.testing.assert_allclose(noisy - clean, 1e-3 * np.random.default_rng(3).standard_normal(501), atol=1e-15)
 
 
 def test_it_imports_nothing_but_numpy_and_the_standard_library():

@@ -127,9 +127,11 @@ def test_an_initial_equation_of_derivatives_finds_the_rest_position():
     class Hanging(Component):
         s = var(unit="m")
         g: Param = param(unit="m/s2", default=9.81)
+        m: Param = param(unit="kg", default=2.0)
+        c: Param = param(unit="N/m", default=50.0)
 
         def equations(self):
-            yield 2.0 * der(der(self.s)) == 2.0 * self.g - 50.0 * self.s
+            yield self.m * der(der(self.s)) == self.m * self.g - self.c * self.s
             yield initial(der(self.s) == 0)
             yield initial(der(der(self.s)) == 0)
 

@@ -241,10 +241,10 @@ def test_der_of_an_expression_follows_the_chain_rule():
 
     def equations(self):
         yield der(self.x) == -self.x
-        yield self.y == der(ca.sin(self.k * self.x) + self.x * time() + time() ** 2)
+        yield self.y == der(ca.sin(self.k * self.x) + self.x * self.r * time() + (self.r * time()) ** 2)
         yield initial(self.x == 1)
 
-    run = simulate(scalar_model(equations, "x", "y", k=3.0), 2.0, points=11, method="rk4", step=0.1)
+    run = simulate(scalar_model(equations, "x", "y", k=3.0, r=1.0), 2.0, points=11, method="rk4", step=0.1)
     t, x, k = run.time, run["x"], 3.0
     # The same numbers on both sides: rounding only.
     np.testing.assert_allclose(run["y"], -k * x * np.cos(k * x) - x * t + x + 2 * t, rtol=1e-13)
@@ -268,7 +268,7 @@ def test_parameters_are_constant_in_time():
         yield der(self.x) == 1 + der(self.k**2) + der(der(self.k))
         yield self.y == der(self.k * self.x)
 
-    run = simulate(scalar_model(equations, "x", "y", k=3.0), 2.0, points=3)
+    run = simulate(scalar_model(equations, "x", "y", k=3.0, r=1.0), 2.0, points=3)
     np.testing.assert_allclose(run["y"], 3.0, rtol=1e-14)
 
 
@@ -451,7 +451,7 @@ def test_an_author_writes_a_van_der_pol_oscillator_in_three_lines():
 def test_a_port_of_an_own_class_carries_its_own_quantities():
     class Lever(Component):
         flange = port(Flange)
-        arm: Param = param(unit="1", default=2.0)
+        arm: Param = param(unit="N/m", default=2.0)
 
         def equations(self):
             yield self.flange.f == 10.0 * self.arm * self.flange.s

@@ -45,9 +45,7 @@ def test_the_motion_is_that_of_the_hand_derived_equations():
         return [v, *np.linalg.solve(mass, force)[:1], w, np.linalg.solve(mass, force)[1]]
 
     run = swing(rod_on(), duration=5.0)
-    exact = solve_ivp(
-        rate, (0, 5), list(START.values()), method="DOP853", t_eval=run.time, rtol=1e-12, atol=1e-13
-    )
+    exact = solve_ivp(rate, (0, 5), list(START.values()), method="DOP853", t_eval=run.time, rtol=1e-12, atol=1e-13)
     # Two integrators of a tolerance of 1e-11 and less; the motion over the top magnifies their errors.
     for name, expected in zip(START, exact.y, strict=True):
         np.testing.assert_allclose(run[name], expected, rtol=0, atol=1e-7)
@@ -75,6 +73,4 @@ def test_the_tip_moves_towards_positive_s():
     run = swing(rod_on(), 0.1, {"cart.s": 0.0, "cart.v": 0.0, "rod.phi": 0.0, "rod.w": 1.0})
     assert run["rod.phi"][-1] > 0
     # The rod's mass moves towards +s, so the cart falls behind; the momentum is that of the start.
-    assert run["cart.v"][-1] == pytest.approx(
-        S * (1 - np.cos(run["rod.phi"][-1]) * run["rod.w"][-1]) / (M + ROD["m"])
-    )
+    assert run["cart.v"][-1] == pytest.approx(S * (1 - np.cos(run["rod.phi"][-1]) * run["rod.w"][-1]) / (M + ROD["m"]))

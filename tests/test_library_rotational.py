@@ -88,9 +88,7 @@ def test_small_swings_take_the_time_of_the_harmonic_oscillator():
     )
     # The period grows by phi0^2/16, so the phase of sin is off by 2 pi phi0^2/16 at most.
     atol = phi0 * 2 * np.pi * phi0**2 / 16 + CLOSE * phi0
-    np.testing.assert_allclose(
-        swing["rod.phi"], phi0 * np.cos(2 * np.pi / period * swing.time), rtol=0, atol=atol
-    )
+    np.testing.assert_allclose(swing["rod.phi"], phi0 * np.cos(2 * np.pi / period * swing.time), rtol=0, atol=atol)
 
 
 def test_a_rod_held_aside_needs_the_torque_of_its_weight():
@@ -130,9 +128,7 @@ def test_inertia_under_torque_and_the_sensors():
         speed=speed,
     )
     result = run(model, 2.0, inputs={"motor.tau": 4.0}, start={"left.phi": 0.1, "left.w": -0.5})
-    np.testing.assert_allclose(
-        result["angle.phi"], 0.1 - 0.5 * result.time + 4.0 * result.time**2, atol=CLOSE * 10
-    )
+    np.testing.assert_allclose(result["angle.phi"], 0.1 - 0.5 * result.time + 4.0 * result.time**2, atol=CLOSE * 10)
     np.testing.assert_allclose(result["speed.w"], -0.5 + 8.0 * result.time, atol=CLOSE * 10)
     # What is passed on accelerates the right inertia alone, 0.3 of 0.5 kg m2: rounding only.
     np.testing.assert_allclose(result["cut.tau"], 4.0 * 0.3 / 0.5, rtol=1e-12)
@@ -194,9 +190,7 @@ def test_rotation_becomes_translation_without_loss(wheel, ratio):
     a = 0.5 * ratio / (4.609 + 0.002 * ratio**2)  # inertia reflected to the cart, in kg
     np.testing.assert_allclose(result["cart.a"], a, rtol=1e-12)
     np.testing.assert_allclose(result["cart.s"], a / 2 * result.time**2, atol=CLOSE)
-    np.testing.assert_allclose(
-        result["rotor.w"], ratio * a * result.time, rtol=0, atol=100 * CLOSE
-    )  # up to 200 rad/s
+    np.testing.assert_allclose(result["rotor.w"], ratio * a * result.time, rtol=0, atol=100 * CLOSE)  # up to 200 rad/s
     power = result["wheel.flange_R.tau"] * result["rotor.w"] + result["wheel.flange_T.f"] * result["cart.v"]
     np.testing.assert_allclose(power, 0.0, atol=1e-10)  # rounding of some ten watts
 

@@ -35,9 +35,7 @@ def test_an_effect_with_its_parameter_at_zero_is_absent(effect):
     check_effect_of_parameter_zero_is_none(DOMAIN, effect)
 
 
-@pytest.mark.parametrize(
-    "element", [t.CoulombFriction(f_c=0.75), t.RailFriction(f_c=0.75)], ids=["effect", "rail"]
-)
+@pytest.mark.parametrize("element", [t.CoulombFriction(f_c=0.75), t.RailFriction(f_c=0.75)], ids=["effect", "rail"])
 def test_amplitude_under_coulomb_friction_falls_linearly(element):
     check_coulomb_damped_oscillation(DOMAIN, element)
 

@@ -148,9 +148,7 @@ def test_linear_damp_mod_stretches_both_springs_by_a_at_zero():
 @pytest.mark.parametrize("coulomb", [0.0, 10.0, 40.0])
 def test_linear_damp_mod_moves_as_the_independent_cart(coulomb):
     model = with_friction("linear_damp_mod", "rail", RailFriction(d=20.0, f_c=coulomb))
-    times, expected = independent.cart_between_springs(
-        duration=2.0, position=0.1146, viscous=20.0, coulomb=coulomb
-    )
+    times, expected = independent.cart_between_springs(duration=2.0, position=0.1146, viscous=20.0, coulomb=coulomb)
     np.testing.assert_allclose(simulate(model, times=times)["encoder.s"], expected, rtol=0, atol=1e-6)
     stepped = simulate(model, times=times, method="rk4", step=1e-3)["encoder.s"]
     np.testing.assert_allclose(stepped, expected, rtol=0, atol=1e-5)
@@ -166,13 +164,9 @@ def test_emps_under_constant_voltage_approaches_the_speed_that_friction_allows()
 
 
 def test_emps_within_its_limits_is_the_linear_loop():
-    run = simulate(
-        load("emps", controlled=True), 0.2, inputs={"reference.u": 2e-4, "pulses.u": 0.5}, points=201
-    )
+    run = simulate(load("emps", controlled=True), 0.2, inputs={"reference.u": 2e-4, "pulses.u": 0.5}, points=201)
     kp, kv, k, m, d = 160.18, 243.45, 35.15065, 95.0, 200.0
-    rate = np.array(
-        [[0.0, 1.0, 0.0], [-k * kv * kp / m, -(k * kv + d) / m, k * (kv * kp * 2e-4 + 0.5) / m], [0, 0, 0]]
-    )
+    rate = np.array([[0.0, 1.0, 0.0], [-k * kv * kp / m, -(k * kv + d) / m, k * (kv * kp * 2e-4 + 0.5) / m], [0, 0, 0]])
     expected = np.array([expm(rate * t) @ [0.0, 0.0, 1.0] for t in run.time])
     assert np.abs(run["limiter.u"]).max() < 10
     np.testing.assert_allclose(run["encoder.s"], expected[:, 0], rtol=0, atol=1e-8)

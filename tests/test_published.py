@@ -91,9 +91,7 @@ def test_the_interval_of_a_stiffness_is_the_textbook_one():
     k = springs.springs()["K2"]
     assert k.length == pytest.approx(beta[0])
     # The quantile is quoted to seven digits.
-    assert (1 / k.high, 1 / k.low) == pytest.approx(
-        (beta[1] - 3.182446 * error, beta[1] + 3.182446 * error), rel=1e-6
-    )
+    assert (1 / k.high, 1 / k.low) == pytest.approx((beta[1] - 3.182446 * error, beta[1] + 3.182446 * error), rel=1e-6)
 
 
 def test_spring_table_is_printed(capsys):
@@ -149,9 +147,7 @@ def test_study_names_what_its_model_has(path):
 def test_exchanged_study_is_the_other_one_with_its_roles_exchanged():
     one, two = (load_study(STUDIES / f"{name}.toml") for name in ("emps", "emps_exchanged"))
     other = {"train": "test", "test": "train"}
-    assert [(run.file, other[run.role]) for run in one.experiments] == [
-        (run.file, run.role) for run in two.experiments
-    ]
+    assert [(run.file, other[run.role]) for run in one.experiments] == [(run.file, run.role) for run in two.experiments]
     assert (one.parameters, one.scores, one.discover) == (two.parameters, two.scores, two.discover)
 
 

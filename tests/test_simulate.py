@@ -60,11 +60,12 @@ class Swing(Component):
     """Pendulum of unit frequency, phi'' = -sin phi."""
 
     phi = var(unit="rad")
-    energy = var(unit="1")
+    energy = var(unit="rad2/s2")
+    rate: Param = param(unit="rad/s", default=1.0)
 
     def equations(self):
-        yield der(der(self.phi)) == -ca.sin(self.phi)
-        yield self.energy == der(self.phi) ** 2 / 2 - ca.cos(self.phi)
+        yield der(der(self.phi)) == -(self.rate**2) * ca.sin(self.phi)
+        yield self.energy == der(self.phi) ** 2 / 2 - self.rate**2 * ca.cos(self.phi)
         yield initial(self.phi == 2.5)
 
 
@@ -212,9 +213,10 @@ def test_an_input_may_have_a_default():
     class Heater(Component):
         T = var(unit="K")
         power = signal("in", unit="W", default=5.0)
+        C: Param = param(unit="J/K", default=1.0)
 
         def equations(self):
-            yield der(self.T) == self.power
+            yield self.C * der(self.T) == self.power
 
     np.testing.assert_allclose(simulate(Heater(), 2.0, points=3)["T"], [0, 5, 10], rtol=1e-12)
     np.testing.assert_allclose(simulate(Heater(), 2.0, points=3, inputs={"power": 1.0})["T"], [0, 1, 2], rtol=1e-12)
@@ -649,10 +651,12 @@ def test_a_negative_level_of_friction_at_the_start_names_the_place():
 
         flange = port(Flange)
         v = var(unit="m/s")
+        level: Param = param(unit="N", default=2.0)
+        slope: Param = param(unit="N/m", default=1.0)
 
         def equations(self):
             yield self.v == der(self.flange.s)
-            yield self.flange.f == dry_friction(self.v, 2 - self.flange.s)
+            yield self.flange.f == dry_friction(self.v, self.level - self.slope * self.flange.s)
 
     rub, mass = Rub(), Mass(m=1.0)
     with pytest.raises(ModelError, match=r"the dry friction at `rub` has the level -1 at the start \(0 s\)"):

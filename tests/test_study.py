@@ -339,9 +339,7 @@ def test_parameter_numbers_become_si():
     assert converted.guess == pytest.approx(245e-6, rel=1e-15)
     assert converted.unit == "H" and converted.max == pytest.approx(1e-3, rel=1e-15)
     assert parameter_in_si(FreeParameter("axis.m", 95.0), "kg") == FreeParameter("axis.m", 95.0, unit="kg")
-    with pytest.raises(
-        StudyError, match=r'`parameters\."motor\.L"` is in `uH`, but the model has it in `Ohm`'
-    ):
+    with pytest.raises(StudyError, match=r'`parameters\."motor\.L"` is in `uH`, but the model has it in `Ohm`'):
         parameter_in_si(given, "Ohm")
 
 
@@ -375,10 +373,7 @@ def test_a_model_imports_its_neighbour_and_another_folder_its_own(tmp_path):
         write(tmp_path / name, ONE.replace("class Mass", f"class Mass{name.upper()}"), "part.py")
         user = f"from part import Mass{name.upper()}\nclass Rig(Mass{name.upper()}):\n    pass\n"
         write(tmp_path / name, user, "rig.py")
-    bases = [
-        type(load_model(ModelReference(tmp_path / name / "rig.py"))).__mro__[1].__name__
-        for name in ("a", "b")
-    ]
+    bases = [type(load_model(ModelReference(tmp_path / name / "rig.py"))).__mro__[1].__name__ for name in ("a", "b")]
     assert bases == ["MassA", "MassB"]
     assert "part" not in sys.modules
 
@@ -431,9 +426,7 @@ WRONG_MODELS = {
 }
 
 
-@pytest.mark.parametrize(
-    ("text", "name", "arguments", "sentence"), WRONG_MODELS.values(), ids=WRONG_MODELS.keys()
-)
+@pytest.mark.parametrize(("text", "name", "arguments", "sentence"), WRONG_MODELS.values(), ids=WRONG_MODELS.keys())
 def test_a_wrong_model_gets_one_sentence(tmp_path, text, name, arguments, sentence):
     path = write(tmp_path, text, "model.py")
     before = set(sys.modules)

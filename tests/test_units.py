@@ -260,8 +260,6 @@ def test_a_wrong_quantity_is_refused(convert, unit, expected, message):
         convert(1.0, unit, expected)
 
 
-@pytest.mark.parametrize(
-    ("unit", "expected"), [("1/s", "rad/s"), ("rpm", "1/s"), ("Hz", "1/s"), ("deg", "1")]
-)
+@pytest.mark.parametrize(("unit", "expected"), [("1/s", "rad/s"), ("rpm", "1/s"), ("Hz", "1/s"), ("deg", "1")])
 def test_a_rate_that_cannot_mean_turns_is_accepted(unit, expected):
     assert to_si(1.0, unit, expected) == parse(unit).factor

@@ -62,7 +62,10 @@ def emps_section():
         lines.append(f"| {run} | {100 * before:.2f} % | {100 * after:.2f} % | {published} % |")
     exchanged = emps("emps_exchanged.toml")
     named = ", ".join(f"`{step['effect']}` at `{step['at']}`" for step in exchanged["steps"])
-    lines += ["", f"With the roles of the two runs exchanged: {named}. Verdicts: {result['verdict']}, {exchanged['verdict']}"]
+    lines += [
+        "",
+        f"With the roles of the two runs exchanged: {named}. Verdicts: {result['verdict']}, {exchanged['verdict']}",
+    ]
     lines[-1] += " (friction that depends on the direction is not in the catalogue yet)."
     return lines
 
@@ -72,9 +75,7 @@ def pendulum_section():
     sticking, sliding = tests.clean_run(tests.COULOMB), tests.clean_run(0.0)
     found = [discover(tests.noisy_setup(sticking, seed)) for seed in tests.SEEDS]
     none = [discover(tests.noisy_setup(sliding, seed)) for seed in tests.SEEDS]
-    right = sum(
-        [s.candidate.insertion.prefix for s in d.search.steps] == ["bearing.coulomb_friction"] for d in found
-    )
+    right = sum([s.candidate.insertion.prefix for s in d.search.steps] == ["bearing.coulomb_friction"] for d in found)
     levels = [d.search.final.parameters[-1] for d in found]
     inside = sum(abs(e.value - tests.COULOMB) <= 3 * e.sd for e in levels)
     quiet = sum(d.search.verdict == "no-discrepancy" for d in none)
