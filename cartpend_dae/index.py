@@ -20,6 +20,7 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.alias import present_value
+from cartpend_dae.diagnose import singular_sentence
 from cartpend_dae.errors import StructureError
 from cartpend_dae.graph import matching, structural_offsets
 from cartpend_dae.system import AliasedSystem, IndexedSystem
@@ -82,18 +83,8 @@ def _signature(aliased: AliasedSystem, column_of: dict[int, int]) -> dict[tuple[
 def _check_structure(aliased: AliasedSystem, bases: list[int], entries: dict[tuple[int, int], int]) -> None:
     n = len(aliased.origins)
     match = matching([r for r, _ in entries], [c for _, c in entries], (n, len(bases)))
-    lonely = sorted(aliased.origins[i] for i in np.flatnonzero(match < 0))
-    orphans = sorted(set(range(len(bases))) - set(match.tolist()))
-    if not lonely and not orphans:
-        return
-    names = [aliased.flat.variables[bases[j]].name for j in orphans]
-    twice = f" Equations that say nothing new: {'; '.join(aliased.redundant)}." if aliased.redundant else ""
-    raise StructureError(
-        f"{aliased.flat.name} is structurally singular: {n} equations remain for {len(bases)} unknowns. "
-        f"No unknown is left for: {'; '.join(lonely) or 'none'}. "
-        f"No equation gives: {', '.join(f'`{name}`' for name in names) or 'none'}.{twice} "
-        f"Likely causes: a missing ground, two grounds in one circuit, or a motion prescribed twice."
-    )
+    if n != len(bases) or np.any(match < 0):
+        raise StructureError(singular_sentence(aliased, bases, list(entries), match))
 
 
 def _reduced(aliased: AliasedSystem, bases: list[int], counts: np.ndarray, highest: np.ndarray) -> IndexedSystem:
@@ -174,9 +165,15 @@ def _total_derivative(aliased: AliasedSystem, equations: list[int]) -> ca.SX:
 
 
 def _refuse_input_derivative(aliased: AliasedSystem, base: int) -> NoReturn:
+    variable = aliased.flat.variables[base]
+    why = (
+        "a voltage is prescribed at a capacitor, or a current at an inductor. Put a resistor between them"
+        if variable.declaration.unit in ("V", "A")
+        else "a motion is prescribed without its speed. Drive it by a force or through a spring"
+    )
     raise StructureError(
-        f"{aliased.flat.name} needs the derivative of its input `{aliased.flat.variables[base].name}`: a motion is "
-        f"prescribed without its speed. Drive it by a force or through a spring, or supply its derivative as well."
+        f"{aliased.flat.name} needs the derivative of its input `{variable.name}`: {why}, or supply its derivative "
+        f"as well."
     )
 
 

@@ -234,7 +234,7 @@ def test_friction_that_sticks_is_estimated_without_bias():
 def test_what_is_wrong_is_said_before_the_solve():
     problem = pendulum_problem()
     system, experiment = problem.system, problem.experiments[0]
-    with pytest.raises(ModelError, match="no parameter `bearing.e`; did you mean"):
+    with pytest.raises(ModelError, match=r"no parameter `bearing\.e`; did you mean"):
         free_parameter(system, "bearing.e")
     with pytest.raises(ModelError, match="no run to fit"):
         make_problem(system, problem.free, ())
@@ -242,5 +242,5 @@ def test_what_is_wrong_is_said_before_the_solve():
     silent = Experiment(
         "push", "train", experiment.time, {}, {"mass.s": experiment.outputs["bearing.phi"]}, {}, "free", None
     )
-    with pytest.raises(ModelError, match="Run `push` gives no input `force.f`"):
+    with pytest.raises(ModelError, match=r"Run `push` gives no input `force\.f`"):
         make_problem(driven, (free_parameter(driven, "mass.m"),), (silent,))

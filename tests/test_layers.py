@@ -22,6 +22,7 @@ LAYERS = """
     flatten
     dimensions
     alias
+    diagnose
     index
     sort merge
     assemble

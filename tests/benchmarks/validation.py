@@ -47,7 +47,7 @@ def emps_section():
         return ["The measured data were not there when this page was made."]
     result = emps("emps.toml")
     lines = [
-        "`cartpend discover models/studies/emps.toml`, from mass and viscous friction; the published values are those of",
+        "`cartpend discover models/studies/emps.toml`, from mass and viscous friction; published values of",
         "Janot, Gautier and Brunot (2019).",
         "",
         "| quantity | found | sd | published |",
@@ -64,7 +64,8 @@ def emps_section():
     named = ", ".join(f"`{step['effect']}` at `{step['at']}`" for step in exchanged["steps"])
     lines += [
         "",
-        f"With the roles of the two runs exchanged: {named}. Verdicts: {result['verdict']}, {exchanged['verdict']}",
+        f"With the roles of the two runs exchanged: {named}.",
+        f"Verdicts: {result['verdict']}, {exchanged['verdict']}",
     ]
     lines[-1] += " (friction that depends on the direction is not in the catalogue yet)."
     return lines
@@ -81,11 +82,12 @@ def pendulum_section():
     quiet = sum(d.search.verdict == "no-discrepancy" for d in none)
     n = len(tests.SEEDS)
     return [
-        "Data from `tests/independent.py`, a simulator that shares no code with the package; noise 1e-3 rad, one run of 6 s.",
+        "Data from `tests/independent.py`, a simulator that shares no code with the package;",
+        "noise 1e-3 rad, one run of 6 s.",
         "",
         "| pendulum | result |",
         "|---|---|",
-        f"| with Coulomb friction, {n} noise seeds | `coulomb_friction` at `bearing` and nothing else: {right} of {n} |",
+        f"| Coulomb friction, {n} noise seeds | `coulomb_friction` at `bearing`, nothing else: {right} of {n} |",
         f"| its level within 3 sd of the truth | {inside} of {n} |",
         f"| mean of the estimates, truth | {np.mean([e.value for e in levels]):.6f}, {tests.COULOMB} N.m |",
         f"| scatter over seeds, mean stated sd | {np.std([e.value for e in levels], ddof=1):.2g}, "

@@ -1,0 +1,200 @@
+"""Why equations and unknowns do not match, in the words of the model: who is concerned, the likely cause, the cure.
+
+The Dulmage-Mendelsohn parts say which equations are too many and which unknowns nothing determines. Aliases
+are gone by then, so that a constraint given twice shows as an equation without unknowns (`redundant`) or with
+inputs only; its parts are found again as the owners of the flows that nothing determines.
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from cartpend_dae.graph import DisjointSets, dulmage_mendelsohn
+from cartpend_dae.system import AliasedSystem, FlatSystem
+
+MOST_NAMES = 8
+"""Longer lists are cut: who mends the first names sees the others next."""
+MOST_UNKNOWNS = 400  # above it the null space, a dense matrix, is not asked for
+
+
+@dataclass(frozen=True, slots=True)
+class Domain:
+    """The words of a physical domain: its quantities, and the parts that fix, give way and take up."""
+
+    potential: str
+    flow: str
+    reference: str
+    compliance: str
+    taker: str
+
+
+DOMAINS = {
+    "A": Domain("voltage", "current", "a `Ground`", "a resistor", "a resistor or another load"),
+    "N": Domain("position", "force", "a `Fixed` or a mass", "a spring", "a mass, a spring or a `Fixed`"),
+    "N.m": Domain("angle", "torque", "a `Fixed` or an inertia", "a spring", "an inertia, a spring or a `Fixed`"),
+    "W": Domain("temperature", "heat flow", "a `FixedTemperature`", "a `ThermalConductor`", "a `HeatCapacitor`"),
+}
+"""By the unit of the flow."""
+ANY = Domain("potential", "flow", "a part that fixes it", "a compliant part", "a part that takes it up")
+
+
+def singular_sentence(
+    aliased: AliasedSystem, bases: Sequence[int], entries: Iterable[tuple[int, int]], match: np.ndarray
+) -> str:
+    """Return what is wrong with a structurally singular model, and what to do.
+
+    Parameters
+    ----------
+    aliased, bases
+        The system without trivial equations, and the variable of each of its unknowns.
+    entries, match
+        Incidence of equations and unknowns, as (row, column), and a maximum matching, shape (n_equations,).
+    """
+    variables, pairs = aliased.flat.variables, list(entries)
+    shape = (len(aliased.origins), len(bases))
+    (many, short), (few, loose) = dulmage_mendelsohn([i for i, _ in pairs], [j for _, j in pairs], match, shape)
+    over = sorted(aliased.origins[i] for i in many)
+    under = sorted((bases[j] for j in loose), key=lambda i: (variables[i].kind != "potential", variables[i].name))
+    names = [f"`{variables[base].name}`" for base in under]
+    redundant = _listed(sorted(aliased.redundant), "; ")
+    free = _free(aliased, few, [bases[j] for j in loose])
+    groups = [free.intersection(group) for group in _groups([(i, bases[j]) for i, j in pairs], under)]
+    causes = dict.fromkeys(_cause(aliased, over, group) for group in groups[:MOST_NAMES] if group)
+    return (
+        f"{aliased.flat.name} is structurally singular: {shape[0]} equations remain for {shape[1]} unknowns. "
+        f"No unknown is left for: {_listed(over, '; ')}{_counts(over, 'equations', short, 'unknowns')}. "
+        f"No equation gives: {_listed(names, ', ')}{_counts(under, 'unknowns', few, 'equations')}. "
+        f"Equations that say nothing new: {redundant}. "
+        f"Likely causes: {'; and '.join(causes) or 'an equation too many, to be removed'}."
+    )
+
+
+def _listed(items: Sequence[str], separator: str) -> str:
+    more = [f"and {len(items) - MOST_NAMES} more"] if len(items) > MOST_NAMES else []
+    return separator.join([*items[:MOST_NAMES], *more]) or "none"
+
+
+def _counts(items: Sequence[object], kind: str, others: Sequence[object], other_kind: str) -> str:
+    return f" ({len(items)} {kind}, {len(others)} {other_kind})" if len(items) > 1 else ""
+
+
+def _groups(pairs: list[tuple[int, int]], under: list[int]) -> list[list[int]]:
+    """Return the undetermined variables in groups that no equation joins: each has a cause of its own."""
+    sets = DisjointSets()
+    for base in under:
+        sets.find(("variable", base))
+    loose = set(under)
+    for equation, base in pairs:
+        if base in loose:
+            sets.join(("variable", base), ("equation", equation))
+    return [[item[1] for item in members if item[0] == "variable"] for members in sets.sets()]  # type: ignore[index]
+
+
+def _free(aliased: AliasedSystem, equations: list[int], bases: list[int]) -> set[int]:
+    """Return the variables that may change while the equations hold: the support of the null space.
+
+    The structure cannot tell that of v1 = v2 + R i and i = -i the current is known, the values can: they are
+    taken at a point without pattern, where nothing cancels by chance.
+    """
+    if not equations or len(bases) > MOST_UNKNOWNS:
+        return set(bases)
+    columns = {base: j for j, base in enumerate(bases)}
+    keys = [k for k, (base, _) in enumerate(aliased.keys) if base in columns]
+    jacobian = ca.jacobian(aliased.residual[equations], aliased.symbols[keys])
+    symbols = ca.symvar(jacobian)
+    point = [0.1 + 0.8 * ((k + 1) * 0.6180339887498949 % 1) for k in range(len(symbols))]
+    values = np.asarray(ca.Function("values", symbols, [jacobian]).call(point)[0])
+    matrix = np.zeros((len(equations), len(bases)))
+    for k, key in enumerate(keys):
+        matrix[:, columns[aliased.keys[key][0]]] += values[:, k] * (1 + 0.7 * aliased.keys[key][1])
+    _, singular, rows = np.linalg.svd(np.nan_to_num(matrix, posinf=0.0, neginf=0.0))
+    null = rows[int(np.sum(singular > 1e-10 * singular.max(initial=1.0))) :]
+    return {base for base, j in columns.items() if np.abs(null[:, j]).max(initial=0.0) > 1e-8} or set(bases)
+
+
+def _cause(aliased: AliasedSystem, over: list[str], under: set[int]) -> str:
+    """Choose by what is too many and what is undetermined; the first rule that fits is the likeliest."""
+    flat = aliased.flat
+    relatives = [i for i, relation in enumerate(aliased.relations) if relation.base in under]
+    flows = [i for i in relatives if flat.variables[i].kind == "flow"]
+    potentials = [i for i in relatives if flat.variables[i].kind == "potential"]
+    ports = {_parent(flat.variables[i].name) for i in potentials}
+    sums = [origin for origin in over if ": sum of " in origin and ports & set(re.split("[ ,:]+", origin))]
+    if sums:
+        return _nothing_takes_up(flat, sums, potentials)
+    if potentials and not over:
+        return _no_reference(flat, potentials)
+    if flows and not potentials and (over or aliased.redundant):
+        return _given_twice(flat, flows)
+    missing = _listed(sorted(f"`{flat.variables[i].name}`" for i in under), ", ")
+    spare = _listed(over or sorted(aliased.redundant), "; ")
+    if spare != "none":
+        return f"one thing determined twice, by {spare}; replace one of these by an equation for {missing}"
+    return f"a missing equation; add one that determines {missing}"
+
+
+def _nothing_takes_up(flat: FlatSystem, sums: list[str], potentials: list[int]) -> str:
+    domain = _domain(flat, potentials)
+    lonely = [f"`{origin.split()[1][:-1]}`" for origin in sums if origin.startswith("unconnected ")]
+    if lonely:
+        places = _listed(lonely, ", ")
+        return f"an unconnected port: the {domain.flow} at {places} acts on nothing; connect it to {domain.taker}"
+    return (
+        f"sources in series: {_owners(flat, potentials)} prescribe the {domain.flow}, which nothing else takes up; "
+        f"connect {domain.taker} where they meet, or remove one"
+    )
+
+
+def _given_twice(flat: FlatSystem, flows: list[int]) -> str:
+    domain, paths, owners = _domain(flat, flows), _owner_paths(flat, flows), _owners(flat, flows)
+    if len(paths) == 1:
+        return (
+            f"a short circuit: {owners} stands between points whose {domain.potential} is fixed already, so that "
+            f"nothing says what {domain.flow} it passes; take it out, or put {domain.compliance} in series"
+        )
+    what = "a constraint given twice (a motion prescribed twice, or rigid parts in a closed loop)"
+    if domain.flow == "current":
+        is_ground = len([i for i in flows if _owner(flat, i) in paths]) == len(paths)  # one pin each
+        what = "two grounds in one circuit" if is_ground else "two voltage sources in parallel"
+    return (
+        f"{what}: {owners} hold the same {domain.potential}, so that nothing says how they share the {domain.flow}; "
+        f"remove one of them, or put {domain.compliance} between them"
+    )
+
+
+def _no_reference(flat: FlatSystem, potentials: list[int]) -> str:
+    domain = _domain(flat, potentials)
+    return (
+        f"a missing ground{'' if domain.flow == 'current' else ' or body'}: nothing fixes the {domain.potential} of "
+        f"{_owners(flat, potentials)}; connect {domain.reference} to one of their ports"
+    )
+
+
+def _parent(name: str) -> str:
+    return name.rpartition(".")[0]
+
+
+def _owner(flat: FlatSystem, member: int) -> str:
+    return _parent(_parent(flat.variables[member].name))
+
+
+def _domain(flat: FlatSystem, members: list[int]) -> Domain:
+    """Return the domain of port variables, by the unit of the flow of their ports."""
+    ports = {_parent(flat.variables[i].name) for i in members}
+    units = {v.declaration.unit for v in flat.variables if v.kind == "flow" and _parent(v.name) in ports}
+    return DOMAINS.get(units.pop(), ANY) if len(units) == 1 else ANY
+
+
+def _owner_paths(flat: FlatSystem, members: list[int]) -> list[str]:
+    """Return the components, without parts of their own, to whose ports the variables belong."""
+    composite = {_parent(path) for path, _ in flat.components if path}
+    owners = {_owner(flat, i) for i in members}
+    return sorted(owners - composite) or sorted(owners)
+
+
+def _owners(flat: FlatSystem, members: list[int]) -> str:
+    classes = dict(flat.components)
+    return _listed([f"`{path or flat.name}` ({classes[path]})" for path in _owner_paths(flat, members)], ", ")

@@ -1,0 +1,1 @@
+"""Models that are wrong, each with the sentence that it must produce."""
