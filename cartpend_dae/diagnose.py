@@ -15,8 +15,7 @@ import numpy as np
 from cartpend_dae.graph import DisjointSets, dulmage_mendelsohn
 from cartpend_dae.system import AliasedSystem, FlatSystem
 
-MOST_NAMES = 8
-"""Longer lists are cut: who mends the first names sees the others next."""
+MOST_NAMES = 8  # longer lists are cut: who mends the first sees the others next
 MOST_UNKNOWNS = 400  # above it the null space, a dense matrix, is not asked for
 
 
@@ -125,7 +124,7 @@ def _cause(aliased: AliasedSystem, over: list[str], under: set[int]) -> str:
     sums = [origin for origin in over if ": sum of " in origin and ports & set(re.split("[ ,:]+", origin))]
     if sums:
         return _nothing_takes_up(flat, sums, potentials)
-    if potentials and not over:
+    if potentials and (not over or any(": sum of " in origin for origin in aliased.redundant)):
         return _no_reference(flat, potentials)
     if flows and not potentials and (over or aliased.redundant):
         return _given_twice(flat, flows)
@@ -152,8 +151,9 @@ def _given_twice(flat: FlatSystem, flows: list[int]) -> str:
     domain, paths, owners = _domain(flat, flows), _owner_paths(flat, flows), _owners(flat, flows)
     if len(paths) == 1:
         return (
-            f"a short circuit: {owners} stands between points whose {domain.potential} is fixed already, so that "
-            f"nothing says what {domain.flow} it passes; take it out, or put {domain.compliance} in series"
+            f"{'a short circuit' if domain.flow == 'current' else 'a rigid loop'}: {owners} stands where the "
+            f"{domain.potential} is fixed already, so that nothing says what {domain.flow} it passes; take it out, "
+            f"or put {domain.compliance} in series"
         )
     what = "a constraint given twice (a motion prescribed twice, or rigid parts in a closed loop)"
     if domain.flow == "current":

@@ -5,6 +5,7 @@
 
 import importlib.util
 import json
+import os
 import platform
 import subprocess
 import sys
@@ -108,6 +109,24 @@ def published_section():
     ]
 
 
+def printed(path):
+    """Return what a script prints, as a block."""
+    done = subprocess.run([sys.executable, str(path)], check=True, capture_output=True, text=True, cwd=ROOT)
+    return ["```", *done.stdout.rstrip().splitlines(), "```"]
+
+
+def reference_section():
+    folder = Path(os.environ.get("CARTPEND_MSL") or ROOT.parent / "shared" / "msl")
+    if not folder.is_dir():
+        return ["The reference results were not there when this page was made."]
+    return [
+        "`python tests/msl/table.py`: worst use of the tube (0.002 of the signal's range and of the duration) around",
+        "the reference results of Dymola for examples of the Modelica Standard Library; 1 is the edge.",
+        "",
+        *printed(ROOT / "tests" / "msl" / "table.py"),
+    ]
+
+
 def main():
     page = [
         "# Validation",
@@ -126,6 +145,16 @@ def main():
         "## The published pendulum",
         "",
         *published_section(),
+        "",
+        "## The rig, assembled from its parts",
+        "",
+        "`python models/studies/rig_report.py`",
+        "",
+        *printed(STUDIES / "rig_report.py"),
+        "",
+        "## Reference examples",
+        "",
+        *reference_section(),
         "",
     ]
     (ROOT / "docs" / "validation.md").write_text("\n".join(page))

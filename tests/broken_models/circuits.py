@@ -188,7 +188,7 @@ def open_current_source():
 
 @broken(
     StructureError,
-    r"a short circuit: `source` \(VoltageSource\) stands between .*take it out, or put a resistor in series",
+    r"a short circuit: `source` \(VoltageSource\) stands where .*take it out, or put a resistor in series",
 )
 def shorted_source():
     return circuit("source.pin_p source.pin_n ground.pin", source=VoltageSource(), ground=Ground())

@@ -3,7 +3,7 @@
 from library_bench import joined
 
 from broken_models.case import broken
-from cartpend_dae import ModelError, SolverError, StructureError, assemble, simulate
+from cartpend_dae import Component, ModelError, SolverError, StructureError, assemble, port, signal, simulate
 from cartpend_dae.library import rotational, thermal, translational
 from cartpend_dae.library.rotational import Fixed, IdealGear, Inertia, Torque
 from cartpend_dae.library.rotational_sources import Accelerate, ConstantSpeed
@@ -225,7 +225,10 @@ def two_baths_at_one_temperature():
 
 @broken(StructureError, r"derivative of its input `source\.f`.*[Dd]rive it by a force")
 def position_prescribed_without_its_speed():
-    class Prescribed(Force):
+    class Prescribed(Component):
+        flange = port(translational.Flange)
+        f = signal("in", unit="m")
+
         def equations(self):
             yield self.flange.s == self.f
 

@@ -99,7 +99,7 @@ def one_equation_twice():
     r"left for: part: equation 1; part: equation 2 .*replace one of these by an equation for `part\.y`, `part\.z`",
 )
 def wrong_unknown_in_an_equation():
-    return assemble(model(lambda m: m.x**3 + m.x == time(), lambda m: ca.sin(m.x) == time(), lambda m: m.z * m.y == 1))
+    return assemble(model(lambda m: m.x**3 + m.x == 2, lambda m: ca.sin(m.x) == 0.5, lambda m: m.z * m.y == 1))
 
 
 @broken(StructureError, r"`part\.[xyz]`.* singular: they are not independent.*[Rr]eplace", "no cure is offered")
