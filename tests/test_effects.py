@@ -8,7 +8,6 @@ from cartpend_dae.effects import Insertion, catalogue, insert, places
 from cartpend_dae.effects.insert import component_at, rebuild
 from cartpend_dae.effects.places import walk
 from cartpend_dae.library import rotational
-from cartpend_dae.units import same_dimension
 from models.driven_cart import DrivenCart
 from models.emps import EMPS
 from models.linear_damp_mod import LinearDampMod
@@ -118,5 +117,3 @@ def test_cards_fit_their_components(card):
     assert card.summary and card.excited_by and card.source and card.regressors
     if card.dissipative:
         assert all(parameter.lower == 0.0 for parameter in card.parameters)
-    units = {same_dimension("N", "N")}
-    assert units == {True}
