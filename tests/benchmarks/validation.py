@@ -109,9 +109,16 @@ def published_section():
     ]
 
 
-def printed(path):
+def printed(path, **environment):
     """Return what a script prints, as a block."""
-    done = subprocess.run([sys.executable, str(path)], check=True, capture_output=True, text=True, cwd=ROOT)
+    done = subprocess.run(
+        [sys.executable, str(path)],
+        check=True,
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env=os.environ | environment,
+    )
     return ["```", *done.stdout.rstrip().splitlines(), "```"]
 
 
@@ -123,7 +130,7 @@ def reference_section():
         "`python tests/msl/table.py`: worst use of the tube (0.002 of the signal's range and of the duration) around",
         "the reference results of Dymola for examples of the Modelica Standard Library; 1 is the edge.",
         "",
-        *printed(ROOT / "tests" / "msl" / "table.py"),
+        *printed(ROOT / "tests" / "msl" / "table.py", CARTPEND_MSL=str(folder)),
     ]
 
 
