@@ -171,8 +171,8 @@ def _check_matching(aliased: AliasedSystem, labels: list[str], match: np.ndarray
         f"{len(aliased.origins)} equations remain for {len(labels)} unknowns. "
         f"No unknown is left for: {'; '.join(sorted(lonely)) or 'none'}. "
         f"No equation gives: {', '.join(f'`{labels[j]}`' for j in orphans) or 'none'}. "
-        f"Likely causes: a missing ground, a motion prescribed twice, or parts joined so that "
-        f"a constraint has to be differentiated (index reduction beyond rigid joints)."
+        f"The model had a solution before its constraints were differentiated: look for a constraint "
+        f"that follows from others, and remove one of them."
     )
 
 
