@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 
 import casadi as ca
-import numpy as np
 
 from cartpend_dae.errors import StructureError
+from cartpend_dae.rows import Row, exact, linear_rows
 from cartpend_dae.system import (
     AliasedSystem,
     Coefficient,
@@ -28,15 +28,6 @@ _ONE, _ZERO = 1, 0
 _CONSTANT = -1
 # rank of variables whose derivative the model names: they become states, and keep their names
 _DIFFERENTIATED = -1
-
-
-@dataclass(slots=True)
-class _Row:
-    """A linear equation: sum of coefficient * d^order(variable) + constant = 0, by (variable, order)."""
-
-    equation: int
-    terms: dict[tuple[int, int], Coefficient]
-    constant: Coefficient
 
 
 @dataclass(slots=True)
@@ -81,7 +72,7 @@ def alias(flat: FlatSystem) -> AliasedSystem:
     StructureError
         If two equations contradict each other.
     """
-    rows = _linear_rows(flat)
+    rows = linear_rows(flat)
     chains = _Chains()
     used, redundant = _merge(flat, rows, chains)
     relations = tuple(chains.find(i) for i in range(len(flat.variables)))
@@ -89,62 +80,9 @@ def alias(flat: FlatSystem) -> AliasedSystem:
     return _substitute(flat, relations, keep, tuple(redundant))
 
 
-def _linear_rows(flat: FlatSystem) -> list[_Row]:
-    """Find the equations that are linear in variables and derivatives with coefficients constant in time."""
-    unknowns = ca.vertcat(flat.symbols, flat.derivative_symbols)
-    other = ca.vertcat(flat.frictions.force, flat.time)
-    n_equations = len(flat.origins)
-    jacobian = ca.jacobian(flat.residual, unknowns)
-    entry_rows, entry_columns = (np.asarray(part) for part in jacobian.sparsity().get_triplet())
-    values = nonzeros(jacobian)
-    everything = ca.vertcat(unknowns, other)
-    varying = np.zeros(n_equations, dtype=bool)
-    if values.numel():
-        moving = np.unique(ca.jacobian_sparsity(values, everything).get_triplet()[0]).astype(int)
-        varying[entry_rows[moving]] = True
-    forced = np.unique(ca.jacobian_sparsity(flat.residual, other).get_triplet()[0]).astype(int)
-    varying[forced] = True
-    constants = ca.substitute(flat.residual, unknowns, ca.SX.zeros(unknowns.numel()))
-    keys = [(i, 0) for i in range(len(flat.variables))] + list(flat.derivatives)
-    linear = ~varying
-    numbers = _coefficients(flat, constants, linear)
-    rows = {i: _Row(i, {}, numbers[i]) for i in np.flatnonzero(linear).tolist()}
-    elements = _coefficients(flat, values, linear[entry_rows] if values.numel() else linear[:0])
-    for entry, (row, column) in enumerate(zip(entry_rows.tolist(), entry_columns.tolist(), strict=True)):
-        if linear[row]:
-            rows[row].terms[keys[column]] = elements[entry]
-    return list(rows.values())
-
-
-def _coefficients(flat: FlatSystem, values: ca.SX, wanted: np.ndarray) -> list[Coefficient]:
-    """Return the wanted elements of a column, numbers as exact fractions; the others are left as zeros.
-
-    Numbers are found and evaluated all at once, because a call for each would take longer than all the rest.
-    """
-    found: list[Coefficient] = [0] * values.numel()
-    if not wanted.any():
-        return found
-    symbolic_rows = set(ca.jacobian_sparsity(values, ca.vertcat(*ca.symvar(values))).get_triplet()[0])
-    numbers = np.asarray(ca.Function("numbers", ca.symvar(values), [values]).call([0.0] * len(ca.symvar(values)))[0])
-    for i in np.flatnonzero(wanted).tolist():
-        found[i] = values[i] if i in symbolic_rows else _exact(float(numbers[i, 0]))
-    return found
-
-
-def _exact(number: float) -> int | Fraction:
-    """Return a number as the fraction that was meant, 0.1 as 1/10; whole ones as int, which is ten times faster."""
-    if number.is_integer():
-        return int(number)
-    meant = Fraction(number).limit_denominator(10**9)
-    return meant if float(meant) == number else Fraction(number)
-
-
-def nonzeros(matrix: ca.SX) -> ca.SX:
-    """Return the structural nonzeros of a matrix as a column, in the order of its sparsity."""
-    return ca.sparsity_cast(matrix, ca.Sparsity.dense(matrix.nnz(), 1))
-
-
 def _times(a: Coefficient, b: Coefficient) -> Coefficient:
+    if b is _ONE:
+        return a
     if isinstance(a, ca.SX) or isinstance(b, ca.SX):
         return symbolic(a) * symbolic(b)
     return a * b
@@ -153,7 +91,7 @@ def _times(a: Coefficient, b: Coefficient) -> Coefficient:
 def _add(a: Coefficient, b: Coefficient) -> Coefficient:
     if isinstance(a, ca.SX) or isinstance(b, ca.SX):
         total = symbolic(a) + symbolic(b)
-        return _exact(float(total)) if total.is_constant() else total
+        return exact(float(total)) if total.is_constant() else total
     return a + b
 
 
@@ -167,20 +105,20 @@ def _is_zero(value: Coefficient) -> bool:
     return value.is_zero() if isinstance(value, ca.SX) else value == 0
 
 
-def _merge(flat: FlatSystem, rows: list[_Row], chains: _Chains) -> tuple[set[int], list[str]]:
+def _merge(flat: FlatSystem, rows: list[Row], chains: _Chains) -> tuple[set[int], list[str]]:
     """Join chains row by row until no row with one or two terms is left; return the equations used up."""
     used: set[int] = set()
     redundant: list[str] = []
-    rank = _ranks(flat)
+    rank, inputs = _ranks(flat), set(flat.inputs)
     waiting: dict[int, set[int]] = defaultdict(set)
     for index, row in enumerate(rows):
         for variable, _ in row.terms:
             waiting[variable].add(index)
-    queue = deque(range(len(rows)))
+    queue = deque(index for index, row in enumerate(rows) if len(row.terms) <= 2)
     while queue:
         index = queue.popleft()
         row = rows[index]
-        if row.equation in used:
+        if row.equation in used or _is_long(row, chains):
             continue
         _reduce(row, chains)
         if not row.terms:
@@ -188,7 +126,7 @@ def _merge(flat: FlatSystem, rows: list[_Row], chains: _Chains) -> tuple[set[int
             redundant.append(flat.origins[row.equation])
             used.add(row.equation)
             continue
-        joined = _join(row, chains, rank, set(flat.inputs)) if len(row.terms) <= 2 else None
+        joined = _join(row, chains, rank, inputs) if len(row.terms) <= 2 else None
         if joined is None:
             continue
         used.add(row.equation)
@@ -200,7 +138,25 @@ def _merge(flat: FlatSystem, rows: list[_Row], chains: _Chains) -> tuple[set[int
     return used, redundant
 
 
-def _reduce(row: _Row, chains: _Chains) -> None:
+def _is_long(row: Row, chains: _Chains) -> bool:
+    """Whether more than two terms are left, and none cancel: found without computing coefficients."""
+    if len(row.terms) <= 2:
+        return False
+    keys: set[tuple[int, int]] = set()
+    n_left = 0
+    for variable, order in row.terms:
+        if variable in chains.relations:
+            relation = chains.find(variable)
+            if relation.base == _CONSTANT:
+                continue
+            keys.add((relation.base, relation.order + order))
+        else:
+            keys.add((variable, order))
+        n_left += 1
+    return n_left > 2 and len(keys) == n_left
+
+
+def _reduce(row: Row, chains: _Chains) -> None:
     """Write a row in the bases of the chains, in place."""
     joined = chains.relations
     if not any(variable in joined for variable, _ in row.terms):
@@ -222,7 +178,7 @@ def _reduce(row: _Row, chains: _Chains) -> None:
     row.terms = {key: value for key, value in terms.items() if not _is_zero(value)}
 
 
-def _check_constant(flat: FlatSystem, row: _Row) -> None:
+def _check_constant(flat: FlatSystem, row: Row) -> None:
     """Refuse 0 = number; an expression of parameters is judged by their present values."""
     value = present_value(flat, row.constant)
     if abs(value) > 1e-12:
@@ -262,7 +218,7 @@ def _is_differentiated(rank: list[tuple[int, int, int]], variable: int) -> bool:
     return rank[variable][0] == _DIFFERENTIATED
 
 
-def _join(row: _Row, chains: _Chains, rank: list[tuple[int, int, int]], inputs: set[int]) -> int | None:
+def _join(row: Row, chains: _Chains, rank: list[tuple[int, int, int]], inputs: set[int]) -> int | None:
     """Use a row of one or two terms to join a chain to another; return the variable that was eliminated."""
     items = list(row.terms.items())
     candidates = [

@@ -1,32 +1,39 @@
 """Connection sets: potentials are equal, flows sum to zero, one output drives each signal."""
 
+from collections import defaultdict
+
 import casadi as ca
+import numpy as np
 
 from cartpend_dae.errors import ModelError
-from cartpend_dae.gathered import Gathered
+from cartpend_dae.gathered import End, Gathered
 from cartpend_dae.language import Component, Connection, symbols_of
 from cartpend_dae.quantities import Flow, Port
+from cartpend_dae.system import Group
+
+Form = tuple[object, ...]
 
 
-def join(tables: Gathered, path: str, component: Component | None, connection: Connection) -> None:
+def join(tables: Gathered, place: int, component: Component | None, connection: Connection) -> None:
     """Note a connection; a port of the connecting component itself is seen from its inside.
 
     `component` is None for a part attached from outside, which sees all ports from outside.
     """
-    where = path or "the model"
-    tables.n_connections += 1
+    where = tables.places[place].path or "the model"
     keys: list[object] = []
     for end in connection.ends:
         if isinstance(end, Port):
-            if id(end.owner) not in tables.path_of:
+            if id(end.owner) not in tables.place_of:
                 raise ModelError(
                     f"`connect` in `{where}` names a port `{end.name}` of a {type(end.owner).__name__} "
                     f"that is no part of the model: store it in an attribute in `__post_init__`."
                 )
-            side = "outside" if end.owner is component else "inside"
-            keys.append((tables.path_of[id(end.owner)], end.name, side))
+            key = End(tables.place_of[id(end.owner)], end.name, "outside" if end.owner is component else "inside")
+            keys.append(key)
+            if key.side == "outside":
+                tables.inner_ports.add(key)
         else:
-            index = tables.index_of.get(end.element_hash()) if end.is_symbolic() else None
+            index, _ = tables.variable_of.get(end.element_hash(), (None, None)) if end.is_symbolic() else (None, None)
             if index is None or tables.variables[index].kind not in ("input", "output", "variable"):
                 raise ModelError(f"`connect` in `{where}` names `{end}`, which is neither a port nor a signal.")
             keys.append(index)
@@ -41,10 +48,18 @@ def join(tables: Gathered, path: str, component: Component | None, connection: C
 
 def connect_all(tables: Gathered) -> tuple[int, ...]:
     """Add the equations of all connection sets and return the variables that are inputs of the model."""
-    for path, name in tables.ports:
-        tables.sets.find((path, name, "inside"))
+    for number, place in enumerate(tables.places):
+        for name in place.layout.ports:
+            tables.sets.find(End(number, name, "inside"))
+    forms: dict[Form, list[tuple[int, list[int]]]] = defaultdict(list)
     for members in tables.sets.sets():
-        _port_equations(tables, members)  # type: ignore[arg-type]
+        _port_equations(tables, forms, members)  # type: ignore[arg-type]
+    inputs = _signal_equations(tables, forms)
+    tables.groups += [_group(form, instances) for form, instances in forms.items()]
+    return inputs
+
+
+def _signal_equations(tables: Gathered, forms: dict[Form, list[tuple[int, list[int]]]]) -> tuple[int, ...]:
     undriven = {i for i, variable in enumerate(tables.variables) if variable.kind == "input"}
     external: list[int] = []
     for members in tables.signal_sets.sets():
@@ -60,8 +75,10 @@ def connect_all(tables: Gathered) -> tuple[int, ...]:
             external.append(source)
         for index in indices:
             if index != source:
-                tables.residuals.append(tables.symbols[index] - tables.symbols[source])
-                tables.origins.append(_set_name([tables.variables[source].name, tables.variables[index].name]))
+                pair = [tables.variables[index], tables.variables[source]]
+                form = ("signal", *(variable.declaration.unit for variable in pair), (1, -1))
+                forms[form].append((len(tables.origins), [index, source]))
+                tables.origins.append(_set_name([pair[1].name, pair[0].name]))
     return tuple(sorted(undriven | set(external)))
 
 
@@ -73,24 +90,46 @@ def _two_sources(tables: Gathered, sources: list[int], members: list[int]) -> st
     return f"The outputs {driving} {f'drive the same signal, {driven}' if driven else 'are joined'}: keep one of them."
 
 
-def _port_equations(tables: Gathered, members: list[tuple[str, str, str]]) -> None:
-    ports = [(tables.ports[path, name], side) for path, name, side in members]
-    names = [f"{path}.{name}" if path else name for path, name, _ in members]
+def _port_equations(tables: Gathered, forms: dict[Form, list[tuple[int, list[int]]]], members: list[End]) -> None:
+    """Note the equations of a set: its variables by the form of the equation, a tuple that ends with the signs."""
+    first, *others = members
+    kind, _ = tables.places[first.place].layout.ports[first.port]
+    starts = [tables.places[end.place].variable + tables.places[end.place].layout.ports[end.port][1] for end in members]
+    names = [end_name(tables, end) for end in members]
     label = _set_name(names)
-    for quantity, kind in type(ports[0][0]).quantities.items():
-        if isinstance(kind, Flow):
-            total = ca.SX(0)
-            for port, side in ports:
-                total += getattr(port, quantity) if side == "inside" else -getattr(port, quantity)
-            tables.residuals.append(total)
+    for offset, (quantity, declared) in enumerate(kind.quantities.items()):
+        if isinstance(declared, Flow):
+            signs = tuple(1 if end.side == "inside" else -1 for end in members)
+            forms[kind, quantity, signs].append((len(tables.origins), [start + offset for start in starts]))
             tables.origins.append(f"{label}: sum of {quantity}")
         else:
-            for name, (port, _) in zip(names[1:], ports[1:], strict=True):
-                tables.residuals.append(getattr(ports[0][0], quantity) - getattr(port, quantity))
-                tables.origins.append(f"{_set_name([names[0], name])}: equal {quantity}")
+            for name, start in zip(names[1:], starts[1:], strict=True):
+                forms[kind, quantity, (1, -1)].append((len(tables.origins), [starts[0] + offset, start + offset]))
+                tables.origins.append(f"{_set_name([names[0], name]) if len(others) > 1 else label}: equal {quantity}")
+
+
+def end_name(tables: Gathered, end: End) -> str:
+    """Return the dotted name of a port."""
+    path = tables.places[end.place].path
+    return f"{path}.{end.port}" if path else end.port
 
 
 def _set_name(names: list[str]) -> str:
     if len(names) == 1:
         return f"unconnected {names[0]}"
     return "connection of " + ", ".join(sorted(set(names)))
+
+
+def _group(form: Form, instances: list[tuple[int, list[int]]]) -> Group:
+    signs: tuple[int, ...] = form[-1]  # type: ignore[assignment]
+    variables, nothing = ca.SX.sym("v", len(signs)), ca.SX(0, 1)
+    total = sum((variables[k] if sign > 0 else -variables[k] for k, sign in enumerate(signs)), ca.SX(0))
+    function = ca.Function("connection", [variables, nothing, nothing, ca.SX.sym("t")], [total])
+    none = np.zeros((0, len(instances)), dtype=int)
+    return Group(
+        function=function,
+        equations=np.array([[row for row, _ in instances]]),
+        variables=np.array([members for _, members in instances]).T,
+        derivatives=none,
+        parameters=none,
+    )

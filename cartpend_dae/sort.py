@@ -9,9 +9,10 @@ from collections import defaultdict
 import casadi as ca
 import numpy as np
 
-from cartpend_dae.alias import nonzeros, relation_values
+from cartpend_dae.alias import relation_values
 from cartpend_dae.errors import StructureError
 from cartpend_dae.graph import blocks, matching
+from cartpend_dae.rows import nonzeros
 from cartpend_dae.system import (
     AliasedSystem,
     Block,

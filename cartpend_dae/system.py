@@ -58,11 +58,28 @@ class Initials:
 
 
 @dataclass(frozen=True, slots=True)
+class Group:
+    """Equations of one form, such as those of all components of a class, with a column for each instance.
+
+    `function` gives the residuals of an instance from its variables, derivatives and parameters, and the time;
+    `equations` (n_equations, n_instances) says which equations of the flat system these are, the others which of
+    its variables, derivatives and parameters are meant.
+    """
+
+    function: ca.Function
+    equations: np.ndarray
+    variables: np.ndarray
+    derivatives: np.ndarray
+    parameters: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
 class FlatSystem:
     """All equations of a model without hierarchy.
 
     `symbols` (n_variables, 1) belong to `variables`; `derivative_symbols` to `derivatives`, pairs of a
     variable and an order. `residual` (n_equations, 1) is zero; `origins` says where each equation stands.
+    An equation stands in one of the `groups`, or is one of its kind.
     """
 
     name: str
@@ -79,6 +96,7 @@ class FlatSystem:
     frictions: Frictions
     residual: ca.SX
     origins: tuple[str, ...]
+    groups: tuple[Group, ...]
     initials: Initials
     connections: tuple[tuple[str, ...], ...]
 

@@ -10,34 +10,34 @@ from dataclasses import dataclass, field
 import casadi as ca
 
 from cartpend_dae.collector import Collector
-from cartpend_dae.language import (
-    Component,
-    attached_to,
-    bindings_of,
-    parameters_of,
-    parts_of,
-    used_ports_of,
-    variables_of,
-)
-from cartpend_dae.quantities import state_of
+from cartpend_dae.gathered import Place
+from cartpend_dae.language import Component, attached_to, bindings_of, parts_of
+from cartpend_dae.quantities import is_number, state_of
 
 Key = tuple[object, ...]
 
 
 @dataclass(slots=True)
 class Template:
-    """The residuals of one kind of component as a function of its symbols, derivatives and time.
+    """The residuals of one kind of component as a function of its variables, derivatives, parameters and time.
 
-    `bases[k]` says what the k-th derivative is of: a symbol (n), or an earlier derivative (-1 - n).
+    `derivatives[k]` is the k-th derivative as (position of the variable, order). `places` are the components,
+    `rows` the first equation of each.
     """
 
     function: ca.Function
-    bases: tuple[int, ...]
+    derivatives: tuple[tuple[int, int], ...]
     n_equations: int
     built_as_zero: frozenset[str]
-    symbols: list[list[ca.SX]] = field(default_factory=list)
-    derivatives: list[list[ca.SX]] = field(default_factory=list)
-    positions: list[int] = field(default_factory=list)
+    places: list[Place] = field(default_factory=list)
+    rows: list[int] = field(default_factory=list)
+
+    def enrol(self, place: Place, row: int) -> None:
+        """Note a component whose equations stand from `row` on."""
+        if self.built_as_zero:
+            state_of(place.component).built_as_zero.update(self.built_as_zero)
+        self.places.append(place)
+        self.rows.append(row)
 
 
 def template_key(component: Component) -> Key | None:
@@ -47,62 +47,52 @@ def template_key(component: Component) -> Key | None:
     plain = tuple((name, value) for name, value in vars(component).items() if name != "_state")
     if not all(isinstance(value, bool | int | float | str | type(None)) for _, value in plain):
         return None
-    zeros = tuple(name for name, value in bindings_of(component).items() if ca.SX(value).is_zero())
+    zeros = tuple(
+        name
+        for name, value in bindings_of(component).items()
+        if (value == 0 if is_number(value) else ca.SX(value).is_zero())
+    )
     return (type(component), plain, zeros)
 
 
-def own_symbols(component: Component) -> list[ca.SX]:
-    """Return the symbols of variables, ports and parameters, in the order of their declaration."""
-    cls = type(component)
-    symbols = [getattr(component, name) for name in (*variables_of(cls), *parameters_of(cls))]
-    for port in used_ports_of(component).values():
-        symbols += [getattr(port, name) for name in type(port).quantities]
-    return symbols
-
-
-def make_template(component: Component, residuals: list[ca.SX], collector: Collector) -> Template | None:
+def make_template(place: Place, residuals: list[ca.SX], collector: Collector) -> Template | None:
     """Make a template of a component whose equations were just collected; None if they use foreign symbols."""
-    own = own_symbols(component)
-    place = {symbol.element_hash(): k for k, symbol in enumerate(own)}
-    derivatives: list[ca.SX] = []
-    bases: list[int] = []
-    for key, (_, derivative) in collector.derivatives.items():
-        if key in place:
-            bases.append(place[key])
-            place[derivative.element_hash()] = -1 - len(derivatives)
-            derivatives.append(derivative)
+    component, layout = place.component, place.layout
+    variables = [getattr(component, name) for name in layout.position]
+    for name, (kind, _) in layout.ports.items():
+        port = getattr(component, name)
+        variables += [getattr(port, quantity) for quantity in kind.quantities]
+    parameters = [getattr(component, name) for name in layout.parameters]
+    derivatives, keys, zero = _derivatives(variables, parameters, collector)
     block = ca.vertcat(*residuals) if residuals else ca.SX(0, 1)
-    known = {*place, collector.time.element_hash()}
+    if zero:
+        block = ca.substitute(block, ca.vertcat(*zero), ca.SX.zeros(len(zero)))
+    own = [*variables, *parameters, *derivatives, collector.time]
+    known = {symbol.element_hash() for symbol in own}
     if any(symbol.element_hash() not in known for symbol in ca.symvar(block)):
         return None
-    arguments = [ca.vertcat(*own), ca.vertcat(*derivatives) if derivatives else ca.SX(0, 1), collector.time]
-    function = ca.Function("equations", arguments, [block])
-    return Template(function, tuple(bases), len(residuals), frozenset(state_of(component).built_as_zero))
+    arguments = [ca.vertcat(*part) if part else ca.SX(0, 1) for part in (variables, derivatives, parameters)]
+    function = ca.Function("equations", [*arguments, collector.time], [block])
+    return Template(function, tuple(keys), len(residuals), frozenset(state_of(component).built_as_zero))
 
 
-def enrol(template: Template, component: Component, collector: Collector, position: int) -> None:
-    """Note a component whose equations will stand at `position` among the residuals."""
-    own = own_symbols(component)
-    derivatives: list[ca.SX] = []
-    for base in template.bases:
-        symbol = own[base] if base >= 0 else derivatives[-1 - base]
-        key = symbol.element_hash()
-        if key not in collector.derivatives:
-            collector.derivatives[key] = (symbol, ca.SX.sym(f"der({symbol.name()})"))
-        derivatives.append(collector.derivatives[key][1])
-    state_of(component).built_as_zero.update(template.built_as_zero)
-    template.symbols.append(own)
-    template.derivatives.append(derivatives)
-    template.positions.append(position)
-
-
-def instantiate(template: Template, time: ca.SX) -> list[ca.SX]:
-    """Return the residuals of all enrolled components, a column each."""
-    n = len(template.positions)
-    if not n:
-        return []
-    symbols = ca.reshape(ca.vertcat(*[s for own in template.symbols for s in own]), -1, n)
-    flat = [d for own in template.derivatives for d in own]
-    derivatives = ca.reshape(ca.vertcat(*flat), -1, n) if flat else ca.SX(0, n)
-    residuals = template.function.map(n)(symbols, derivatives, ca.repmat(time, 1, n))
-    return ca.horzsplit(residuals)
+def _derivatives(
+    variables: list[ca.SX], parameters: list[ca.SX], collector: Collector
+) -> tuple[list[ca.SX], list[tuple[int, int]], list[ca.SX]]:
+    """Return the derivatives of variables with (position, order), and those of parameters, which are zero."""
+    known: dict[int, tuple[int, int] | None] = {symbol.element_hash(): (k, 0) for k, symbol in enumerate(variables)}
+    known |= {symbol.element_hash(): None for symbol in parameters}
+    symbols: list[ca.SX] = []
+    keys: list[tuple[int, int]] = []
+    zero: list[ca.SX] = []
+    for key, (_, derivative) in collector.derivatives.items():
+        if key not in known:
+            continue
+        lower = known[key]
+        known[derivative.element_hash()] = None if lower is None else (lower[0], lower[1] + 1)
+        if lower is None:
+            zero.append(derivative)
+        else:
+            symbols.append(derivative)
+            keys.append((lower[0], lower[1] + 1))
+    return symbols, keys, zero

@@ -17,10 +17,11 @@ LAYERS = """
     language
     library
     system
-    gathered templates dimension_rules
-    connections
+    gathered dimension_rules
+    templates connections balance
+    freeze
     flatten
-    dimensions
+    dimensions rows
     alias
     diagnose
     index

@@ -1,0 +1,196 @@
+"""Gathered -> FlatSystem: what was collected becomes vectors of symbols and equations, all at once."""
+
+from collections.abc import Iterable
+
+import casadi as ca
+import numpy as np
+
+from cartpend_dae.collector import Collector
+from cartpend_dae.connections import end_name
+from cartpend_dae.errors import ModelError
+from cartpend_dae.gathered import Gathered
+from cartpend_dae.quantities import is_number
+from cartpend_dae.system import FlatSystem, Frictions, Group, Initials
+from cartpend_dae.templates import Template
+
+Known = dict[tuple[int, int], int]  # (variable, order) -> position among the derivatives
+
+
+def freeze(
+    tables: Gathered, collector: Collector, templates: list[Template], inputs: tuple[int, ...], name: str
+) -> FlatSystem:
+    """Return the flat system of what was gathered.
+
+    Raises
+    ------
+    ModelError
+        For a symbol, or a derivative, of a component that is not part of the model.
+    """
+    symbols = _vector("v", len(tables.variables), tables.variable_of.values())
+    parameters = _vector("p", len(tables.parameters), tables.parameter_of.values())
+    known, used, zero = _derivatives(tables, collector)
+    groups = [*(_instances(template, known) for template in templates), *tables.groups]
+    derivatives = _vector("d", len(known), used)
+    residual = _residuals(groups, (symbols, derivatives, parameters, collector.time), len(tables.origins))
+    f = _frictions(tables, collector)
+    loose = _stack(tables.loose)
+    initials = _stack([residual_of(i.equation, o) for o, i in tables.initials])
+    parts = [loose, initials, f.speed, f.level_pos, f.level_neg]
+    if zero:
+        parts = ca.substitute(parts, [_stack(zero)], [ca.SX.zeros(len(zero))])
+    loose, initials, speed, level_pos, level_neg = parts
+    residual[tables.loose_rows] = loose
+    bindings = _bindings(tables)
+    flat = FlatSystem(
+        name=name,
+        components=tuple((place.path, type(place.component).__name__) for place in tables.places),
+        variables=tuple(tables.variables),
+        symbols=symbols,
+        derivatives=tuple(known),
+        derivative_symbols=derivatives,
+        parameters=tuple(tables.parameters),
+        parameter_symbols=parameters,
+        parameter_bindings=bindings,
+        time=collector.time,
+        inputs=inputs,
+        frictions=Frictions(f.places, f.force, speed, level_pos, level_neg),
+        residual=residual,
+        origins=tuple(tables.origins),
+        groups=tuple(groups),
+        initials=Initials(initials, tuple(i.fixed for _, i in tables.initials), tuple(o for o, _ in tables.initials)),
+        connections=tuple(tuple(end_name(tables, end) for end in members) for members in tables.sets.sets()),  # type: ignore[arg-type]
+    )
+    _check_symbols(tables, flat, ca.vertcat(*parts, bindings), used)
+    return flat
+
+
+def residual_of(statement: object, origin: str) -> ca.SX:
+    """Return left minus right side of an equation.
+
+    Raises
+    ------
+    ModelError
+        For a statement that is no equation, or that holds always or never.
+    """
+    if isinstance(statement, bool) or (isinstance(statement, ca.SX) and statement.is_constant()):
+        always = bool(statement) if isinstance(statement, bool) else bool(float(statement))
+        what = "holds always and determines nothing" if always else "can never hold"
+        raise ModelError(f"{origin} {what}: both its sides are the same kind of constant. Remove or correct it.")
+    if not isinstance(statement, ca.SX) or not statement.is_scalar() or statement.op() != ca.OP_EQ:
+        raise ModelError(f"{origin} is `{statement}`, which is not an equation: write `left == right`.")
+    return statement.dep(0) - statement.dep(1)
+
+
+def _stack(items: list[ca.SX]) -> ca.SX:
+    return ca.vertcat(*items) if items else ca.SX(0, 1)
+
+
+def _vector(name: str, n: int, used: Iterable[tuple[int, ca.SX]]) -> ca.SX:
+    """Return n symbols, those in use at their places and new ones elsewhere."""
+    vector = ca.SX.sym(name, n)
+    places, symbols = [place for place, _ in used], [symbol for _, symbol in used]
+    if places:
+        vector[places] = ca.vertcat(*symbols)
+    return vector
+
+
+def _derivatives(tables: Gathered, collector: Collector) -> tuple[Known, list[tuple[int, ca.SX]], list[ca.SX]]:
+    """Return positions and symbols of the derivatives that were written, and those of parameters, which are zero."""
+    known: Known = {}
+    of: dict[int, tuple[int, int] | None] = dict.fromkeys(tables.parameter_of)
+    used: list[tuple[int, ca.SX]] = []
+    zero: list[ca.SX] = []
+    for key, (symbol, derivative) in collector.derivatives.items():
+        if key in tables.variable_of:
+            found: tuple[int, int] | None = (tables.variable_of[key][0], 1)
+        elif key in of:
+            lower = of[key]
+            found = None if lower is None else (lower[0], lower[1] + 1)
+        else:
+            raise ModelError(f"`der({symbol})` names a quantity of a component that is not part of the model.")
+        of[derivative.element_hash()] = found
+        if found is None:
+            zero.append(derivative)
+        else:
+            used.append((known.setdefault(found, len(known)), derivative))
+    return known, used, zero
+
+
+def _instances(template: Template, known: Known) -> Group:
+    """Return the equations of all components of a kind; their derivatives become known."""
+    n = len(template.places)
+    layout = template.places[0].layout
+    variable = np.array([place.variable for place in template.places])
+    parameter = np.array([place.parameter for place in template.places])
+    derivatives = [
+        [known.setdefault((place.variable + position, order), len(known)) for place in template.places]
+        for position, order in template.derivatives
+    ]
+    return Group(
+        function=template.function,
+        equations=np.arange(template.n_equations)[:, None] + np.array(template.rows),
+        variables=np.arange(len(layout.variables))[:, None] + variable,
+        derivatives=np.array(derivatives, dtype=int).reshape(-1, n),
+        parameters=np.arange(len(layout.parameters))[:, None] + parameter,
+    )
+
+
+def _residuals(groups: list[Group], vectors: tuple[ca.SX, ca.SX, ca.SX, ca.SX], n: int) -> ca.SX:
+    """Return the residuals of all groups at their places; the others are left as zeros."""
+    residual = ca.SX.zeros(n)
+    symbols, derivatives, parameters, time = vectors
+    for group in groups:
+        n_instances = group.equations.shape[1]
+        if group.equations.size:
+            columns = group.function.map(n_instances)(
+                pick(symbols, group.variables),
+                pick(derivatives, group.derivatives),
+                pick(parameters, group.parameters),
+                ca.repmat(time, 1, n_instances),
+            )
+            residual[group.equations.ravel(order="F").tolist()] = ca.vec(columns)
+    return residual
+
+
+def pick(vector: ca.SX, indices: np.ndarray) -> ca.SX:
+    """Return the elements of a vector at a matrix of indices."""
+    return ca.reshape(vector[indices.ravel(order="F").tolist()], *indices.shape)
+
+
+def _bindings(tables: Gathered) -> ca.SX:
+    """Return what parameters are set to as a column, numbers all at once."""
+    bindings = ca.SX(ca.DM([float(b) if is_number(b) else 0.0 for b in tables.bindings]))
+    places = [i for i, b in enumerate(tables.bindings) if not is_number(b)]
+    if places:
+        bindings[places] = ca.vertcat(*[tables.bindings[i] for i in places])
+    return bindings
+
+
+def _frictions(tables: Gathered, collector: Collector) -> Frictions:
+    items = [(place, collector.frictions[i]) for place, i in tables.frictions]
+    return Frictions(
+        places=tuple(place for place, _ in items),
+        force=_stack([friction.force for _, friction in items]),
+        speed=_stack([friction.speed for _, friction in items]),
+        level_pos=_stack([friction.level_pos for _, friction in items]),
+        level_neg=_stack([friction.level_neg for _, friction in items]),
+    )
+
+
+def _check_symbols(tables: Gathered, flat: FlatSystem, expressions: ca.SX, used: list[tuple[int, ca.SX]]) -> None:
+    """Refuse symbols of components outside the model; equations of a template hold none."""
+    known = {symbol.element_hash() for _, symbol in used} | {flat.time.element_hash()}
+    known |= {force.element_hash() for force in ca.vertsplit(flat.frictions.force)}
+    foreign = [
+        symbol
+        for symbol in ca.symvar(expressions)
+        if (key := symbol.element_hash()) not in tables.variable_of
+        and key not in tables.parameter_of
+        and key not in known
+    ]
+    if foreign:
+        listing = ", ".join(f"`{symbol}`" for symbol in foreign)
+        raise ModelError(
+            f"{flat.name} uses {listing} of a component that is not part of the model: "
+            f"store every part in an attribute in `__post_init__`."
+        )
