@@ -11,6 +11,7 @@ import numpy as np
 
 from cartpend_dae.alias import relation_values
 from cartpend_dae.errors import StructureError
+from cartpend_dae.explicit import solve_explicit
 from cartpend_dae.graph import blocks, matching
 from cartpend_dae.rows import nonzeros
 from cartpend_dae.system import (
@@ -83,7 +84,7 @@ def sort(indexed: IndexedSystem) -> System:
         inputs=input_names,
         u=inputs,
         parameters=tuple(aliased.flat.parameters[i] for i in parameters),
-        p=_stack([aliased.flat.parameter_symbols[i] for i in parameters]),
+        p=aliased.flat.parameter_symbols[parameters],
         frictions=Frictions(friction.places, friction.force, speed, pos, neg),
         variables=aliased.flat.variables,
         outputs=out,
@@ -134,32 +135,39 @@ def _names(aliased: AliasedSystem) -> dict[tuple[int, int], str]:
 
 def _solve_blocks(
     aliased: AliasedSystem, unknowns: ca.SX, labels: list[str]
-) -> tuple[list[tuple[ca.SX, ca.SX]], tuple[Block, ...], list[tuple[int, int]]]:
-    """Solve block by block; return definitions in order, the blocks, and (equation, unknown) left over."""
+) -> tuple[tuple[ca.SX, ca.SX], tuple[Block, ...], list[tuple[int, int]]]:
+    """Solve block by block; return unknowns and values in order, the blocks, and (equation, unknown) left over."""
     jacobian = ca.jacobian(aliased.residual, unknowns)
     rows, columns = (list(part) for part in jacobian.sparsity().get_triplet())
     match = matching(rows, columns, (len(aliased.origins), len(labels)))
     _check_matching(aliased, labels, match)
     varying = _varying_entries(jacobian, unknowns)
-    definitions: list[tuple[ca.SX, ca.SX]] = []
+    explicit: list[tuple[int, int]] = []
+    solutions: list[ca.SX] = []
+    sequence: list[list[int]] = []
     made: list[Block] = []
     nonlinear: list[tuple[int, int]] = []
     for equations in blocks(rows, columns, match):
         own = [int(match[i]) for i in equations]
-        block_names = tuple(labels[j] for j in own)
+        names = tuple(labels[j] for j in own)
         origins = tuple(aliased.origins[i] for i in equations)
         inside = set(own)
-        if any(column in inside and other in inside for i in equations for column, other in varying[i]):
+        if any(column in inside and other in inside for i in equations for column, other in varying.get(i, ())):
             nonlinear += zip(equations, own, strict=True)
-            made.append(Block(block_names, origins, "nonlinear"))
+            made.append(Block(names, origins, "nonlinear"))
             continue
-        symbols = unknowns[own]
-        constant = ca.substitute(aliased.residual[equations], symbols, ca.SX.zeros(len(own)))
-        matrix = jacobian[equations, own]
-        solution = solve_linear(matrix, -constant, block_names)
-        definitions += zip(ca.vertsplit(symbols), ca.vertsplit(solution), strict=True)
-        made.append(Block(block_names, origins, "explicit" if len(own) == 1 else "linear"))
-    return definitions, tuple(made), nonlinear
+        sequence.append(own)
+        made.append(Block(names, origins, "explicit" if len(own) == 1 else "linear"))
+        if len(own) == 1:
+            explicit.append((equations[0], own[0]))
+            continue
+        constant = ca.substitute(aliased.residual[equations], unknowns[own], ca.SX.zeros(len(own)))
+        solutions.append(solve_linear(jacobian[equations, own], -constant, names))
+    solutions.insert(0, solve_explicit(aliased.residual, unknowns, jacobian, explicit))
+    solved = [j for _, j in explicit] + [j for own in sequence if len(own) > 1 for j in own]
+    place = {j: k for k, j in enumerate(solved)}
+    order = [j for own in sequence for j in own]
+    return (unknowns[order], ca.vertcat(*solutions)[[place[j] for j in order]]), tuple(made), nonlinear
 
 
 def _check_matching(aliased: AliasedSystem, labels: list[str], match: np.ndarray) -> None:
@@ -261,13 +269,12 @@ def _numeric_pivot(a: list[list[ca.SX]], rows: set[int], columns: set[int]) -> t
     return best
 
 
-def _back_substitute(definitions: list[tuple[ca.SX, ca.SX]], groups: list[ca.SX]) -> list[ca.SX]:
-    """Write all groups in states, inputs and parameters; definitions stand in order of solution."""
-    if not definitions:
+def _back_substitute(definitions: tuple[ca.SX, ca.SX], groups: list[ca.SX]) -> list[ca.SX]:
+    """Write all groups in states, inputs and parameters; symbols and values stand in order of solution."""
+    symbols, values = definitions
+    if not symbols.numel():
         return groups
-    symbols = [symbol for symbol, _ in definitions]
-    values = [value for _, value in definitions]
-    _, done = ca.substitute_inplace(symbols, values, groups)
+    _, done = ca.substitute_inplace([symbols], [values], groups)
     return list(done)
 
 
@@ -276,9 +283,8 @@ def _without_dependent_parameters(aliased: AliasedSystem, groups: list[ca.SX]) -
     flat = aliased.flat
     independent = [i for i, q in enumerate(flat.parameters) if q.value is not None]
     dependent = [i for i, q in enumerate(flat.parameters) if q.value is None]
-    symbols = [flat.parameter_symbols[i] for i in dependent]
-    bindings = [flat.parameter_bindings[i] for i in dependent]
-    return _back_substitute(list(zip(symbols, bindings, strict=True)), groups), independent
+    bound = (flat.parameter_symbols[dependent], flat.parameter_bindings[dependent])
+    return _back_substitute(bound, groups), independent
 
 
 def _state_relations(aliased: AliasedSystem, state_keys: tuple[tuple[int, int], ...]) -> dict[str, StateRelation]:

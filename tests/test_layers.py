@@ -12,7 +12,7 @@ ROOT = PACKAGE.name
 MAX_LINES = 400
 
 LAYERS = """
-    errors units graph
+    errors units graph explicit
     quantities collector
     language
     library
