@@ -41,11 +41,9 @@ class _Chains:
         relation = self.relations.get(variable)
         if relation is None:
             return Relation(variable, 0, _ONE, _ZERO)
-        if relation.base == _CONSTANT:
+        if relation.base not in self.relations:  # the base of a chain, or a constant
             return relation
         upper = self.find(relation.base)
-        if upper.base == relation.base:
-            return relation
         offset = relation.offset
         if relation.order == 0:
             offset = _add(_times(relation.factor, upper.offset), offset)

@@ -1,5 +1,9 @@
 """Run the passes: component tree -> System."""
 
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 
 from cartpend_dae.alias import alias
@@ -30,11 +34,24 @@ def assemble(model: Component | System) -> System:
     """
     if isinstance(model, System):
         return model
-    flat = flatten(model)
-    check_dimensions(flat)
-    system = merge_frictions(sort(reduce_index(alias(flat))))
+    with _without_collection():
+        flat = flatten(model)
+        check_dimensions(flat)
+        system = merge_frictions(sort(reduce_index(alias(flat))))
     check_bounds(system, system.parameter_values)
     return system
+
+
+@contextmanager
+def _without_collection() -> Iterator[None]:
+    """Pause Python's search for cycles: the passes make many small objects that all stay, and it would visit each."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
 
 
 def check_bounds(system: System, values: np.ndarray) -> None:

@@ -14,9 +14,10 @@ Where a block has literals other than 0 (a table), these may carry any unit, so 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
+import numpy as np
 
 from cartpend_dae.dimension_rules import LITERAL, NUMBER, POWERS, Dimension, Dimensions
 from cartpend_dae.errors import ModelError
@@ -61,8 +62,7 @@ def _wrong_units(flat: FlatSystem) -> list[str]:
     return findings
 
 
-@dataclass(frozen=True, slots=True)
-class _Symbol:
+class _Symbol(NamedTuple):
     """A symbol of the equations, in `unit` / s^order; a derivative names its variable, the symbol `base`."""
 
     name: str
@@ -89,6 +89,18 @@ def _symbols(flat: FlatSystem) -> list[_Symbol]:
     return [*symbols, _Symbol("time", "s"), _Symbol("power", "W")]
 
 
+def _to_check(flat: FlatSystem, symbols: list[_Symbol]) -> list[int]:
+    """Return the equations to check: of a group one instance, unless it has quantities of blocks."""
+    generic = np.array([symbol.is_generic for symbol in symbols])
+    first_parameter = len(flat.variables) + len(flat.derivatives)
+    wanted = np.ones(len(flat.origins), dtype=bool)
+    for group in flat.groups:
+        is_generic = generic[group.variables].any() or generic[first_parameter + group.parameters].any()
+        if not is_generic:
+            wanted[group.equations[:, 1:]] = False
+    return np.flatnonzero(wanted).tolist()
+
+
 def _generic(flat: FlatSystem) -> set[str]:
     """Return the names of quantities of unit 1 in components without ports that have variables of unit 1."""
     numbers = [q.name for q in flat.variables if q.declaration.unit == "1"]
@@ -112,7 +124,7 @@ class _Walk:
         self.origins = [f"{place}: dry friction" for place in friction.places] * 3
         self.origins += [f"what `{flat.parameters[i].name}` is set to" for i in bound]
         # Connections first: where they bring different units to one block, the block is the place to name.
-        order = sorted(range(len(flat.origins)), key=lambda i: not flat.origins[i].startswith("connection of "))
+        order = sorted(_to_check(flat, self.symbols), key=lambda i: not flat.origins[i].startswith("connection of "))
         self.origins += [*(flat.origins[i] for i in order), *flat.initials.origins]
         residual = ca.vertcat(
             friction.force - friction.level_pos,

@@ -56,7 +56,10 @@ def is_number(value: object) -> TypeGuard[float]:
 
 def state_of(instance: object) -> InstanceState:
     """Return the symbols, ports and bindings of a component or port, made at the first call."""
-    return instance.__dict__.setdefault("_state", InstanceState())
+    table = instance.__dict__
+    if "_state" not in table:
+        table["_state"] = InstanceState()
+    return table["_state"]
 
 
 def symbol_of(instance: object, name: str) -> ca.SX:
