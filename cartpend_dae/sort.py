@@ -13,6 +13,7 @@ from cartpend_dae.alias import relation_values
 from cartpend_dae.errors import StructureError
 from cartpend_dae.explicit import solve_explicit
 from cartpend_dae.graph import blocks, matching
+from cartpend_dae.linear import solve_linear
 from cartpend_dae.rows import nonzeros
 from cartpend_dae.system import (
     AliasedSystem,
@@ -195,78 +196,6 @@ def _varying_entries(jacobian: ca.SX, unknowns: ca.SX) -> dict[int, set[tuple[in
     for entry, other in zip(entries, of, strict=True):
         found[rows[entry]].add((columns[entry], other))
     return found
-
-
-def solve_linear(matrix: ca.SX, right: ca.SX, names: tuple[str, ...]) -> ca.SX:
-    """Solve a small symbolic linear system, eliminating with numeric pivots first.
-
-    Parameters
-    ----------
-    matrix, right
-        Shapes (n, n) and (n, 1).
-    names
-        Names of the n unknowns, for the error sentence.
-
-    Raises
-    ------
-    StructureError
-        If the matrix is singular whatever the parameters.
-    """
-    n = matrix.size1()
-    if n == 1:
-        return right / matrix
-    a = [[matrix[i, j] for j in range(n)] for i in range(n)]
-    b = [right[i] for i in range(n)]
-    largest = max((abs(float(entry)) for line in a for entry in line if entry.is_constant()), default=0.0)
-    rows, columns, steps = set(range(n)), set(range(n)), []
-    while (pivot := _numeric_pivot(a, rows, columns)) is not None:
-        i, j = pivot
-        steps.append(pivot)
-        rows.discard(i)
-        columns.discard(j)
-        for k in [k for k in rows if not a[k][j].is_zero()]:
-            ratio = a[k][j] / a[i][j]
-            for m in columns:
-                a[k][m] = _cancelled(a[k][m] - ratio * a[i][m], largest)
-            b[k] = b[k] - ratio * b[i]
-    x: dict[int, ca.SX] = {}
-    if rows:
-        order_r, order_c = sorted(rows), sorted(columns)
-        core = ca.vertcat(*[ca.horzcat(*[a[i][j] for j in order_c]) for i in order_r])
-        if any(all(a[i][j].is_zero() for j in order_c) for i in order_r):
-            listing = ", ".join(f"`{names[j]}`" for j in order_c)
-            raise StructureError(f"The linear equations for {listing} are singular: they are not independent.")
-        values = ca.solve(core, ca.vertcat(*[b[i] for i in order_r]))
-        x.update(zip(order_c, ca.vertsplit(values), strict=True))
-    for i, j in reversed(steps):
-        total = b[i]
-        for m, value in x.items():
-            if not a[i][m].is_zero():
-                total = total - a[i][m] * value
-        x[j] = total / a[i][j]
-    return ca.vertcat(*[x[j] for j in range(n)])
-
-
-def _cancelled(entry: ca.SX, largest: float) -> ca.SX:
-    """Return zero for a number that only rounding has left."""
-    return ca.SX(0) if entry.is_constant() and abs(float(entry)) < 1e-13 * largest else entry
-
-
-def _numeric_pivot(a: list[list[ca.SX]], rows: set[int], columns: set[int]) -> tuple[int, int] | None:
-    """Choose the constant entry with the least fill (Markowitz count), and of several the nearest to 1."""
-    best: tuple[int, int] | None = None
-    best_cost = None
-    row_count = {i: sum(not a[i][j].is_zero() for j in columns) for i in rows}
-    column_count = {j: sum(not a[i][j].is_zero() for i in rows) for j in columns}
-    for i in sorted(rows):
-        for j in sorted(columns):
-            entry = a[i][j]
-            if not entry.is_constant() or entry.is_zero():
-                continue
-            cost = ((row_count[i] - 1) * (column_count[j] - 1), abs(abs(float(entry)) - 1.0))
-            if best_cost is None or cost < best_cost:
-                best, best_cost = (i, j), cost
-    return best
 
 
 def _back_substitute(definitions: tuple[ca.SX, ca.SX], groups: list[ca.SX]) -> list[ca.SX]:

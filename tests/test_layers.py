@@ -13,7 +13,7 @@ MAX_LINES = 400
 
 LAYERS = """
     errors units graph explicit
-    quantities collector
+    quantities collector linear
     language
     library
     system

@@ -28,7 +28,7 @@ from cartpend_dae import (
 )
 from cartpend_dae.library import rotational, translational
 from cartpend_dae.library.electrical import Capacitor, ConstantVoltage, Ground, OnePort, Resistor
-from cartpend_dae.sort import solve_linear
+from cartpend_dae.linear import solve_linear
 
 
 class Diode(OnePort):
