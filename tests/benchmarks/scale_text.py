@@ -10,7 +10,7 @@ A chain of n masses hangs on the ground by springs with dampers, connected flang
 The first mass is displaced, and 1 s is simulated with relative tolerance 1e-8. Each size runs in a fresh process.
 Times are wall times without imports, of the fastest of three runs (of one, where it took longer than 10 s; the
 column "runs" says which). Memory is the largest resident set of the process; what the interpreter and the imports
-take is given beside it. A run is stopped after {limit:g} s or {memory_limit:g} GB, and larger sizes are then not tried."""
+take is given beside it. A run is stopped after {limit:g} s or {memory_limit:g} GB; larger sizes are then not tried."""
 
 STAGES = {
     "cartpend_dae": (
@@ -50,7 +50,7 @@ def section(results):
         "",
         ABSENT,
         "",
-        "| tool | n | equations | build | assemble | first simulation | total | peak memory | of it imports | runs | error |",
+        "| tool | n | equations | build | assemble | first simulation | total | peak memory | imports | runs | error |",
         "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
         *[row(tool, run, entry) for tool, entry in tools.items() for run in entry["runs"]],
         "",
