@@ -1,6 +1,7 @@
 """System -> CasADi functions: right-hand side, outputs, and the laws of dry friction."""
 
 from dataclasses import dataclass
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
@@ -83,11 +84,11 @@ def all_variables(
     rows = np.array(function.sparsity_out(0).row(), dtype=int)
     now = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
     found = np.zeros(rows.size)
-    buffer, evaluate = function.buffer()
+    buffer, evaluate = cast(Any, function.buffer())  # its stub wants a size, which its methods refuse
     for i, argument in enumerate(now):
         if argument.size:
-            buffer.set_arg(i, memoryview(argument))
-    buffer.set_res(0, memoryview(found))
+            buffer.set_arg(i, argument.data)
+    buffer.set_res(0, found.data)
     now[4][:] = p
     values = np.zeros((times.size, function.numel_out(0)))
     for k, time in enumerate(times):
