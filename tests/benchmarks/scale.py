@@ -24,6 +24,7 @@ ROOT = HERE.parents[1]
 sys.path[:0] = [str(ROOT / "tests"), str(HERE / "chain")]
 
 from benchmarks import page  # noqa: E402
+from benchmarks.scale_text import total  # noqa: E402
 from child import DAMPING, DISPLACEMENT, MASS, MEMORY_LIMIT, SPRING, STOP  # noqa: E402
 
 SCRIPTS = {
@@ -88,7 +89,7 @@ def run_once(tool, n, python, limit):
 def last_report(output):
     """Return the last line of JSON that a child printed."""
     lines = [line for line in output.splitlines() if line.startswith('{"seconds"')]
-    return json.loads(lines[-1]) if lines else {"seconds": {}}
+    return json.loads(lines[-1]) if lines else {"seconds": {}, "processor": {}}
 
 
 def with_verdict(found, n):
@@ -99,11 +100,6 @@ def with_verdict(found, n):
         return found | {"error": float(error)} | ({} if error <= 1e-5 else {"status": "wrong"})
     # a residual of terms of the size of SPRING, computed in double precision
     return found | ({} if found["residual"] <= 1e-9 * SPRING else {"status": "wrong"})
-
-
-def total(found):
-    """Return the time of all stages but the import [s]."""
-    return sum(seconds for stage, seconds in found["seconds"].items() if stage != "import")
 
 
 def measure(tool, python, sizes, limit):
@@ -141,10 +137,9 @@ def main():
     options = arguments()
     pythons = dict.fromkeys(SCRIPTS, options.peers_python) | {"cartpend_dae": sys.executable}
     pythons |= dict(pair.split("=", 1) for pair in options.python)
-    recorded = page.recorded().get("scale", {})
-    here = machine()
-    kept = recorded["tools"] if recorded.get("machine") == here else {}
     tools = {tool: measure(tool, pythons[tool], options.sizes, options.limit) for tool in options.tools}
+    recorded, here = page.recorded().get("scale", {}), machine()
+    kept = recorded["tools"] if recorded.get("machine") == here else {}
     results = {"machine": here, "tools": {tool: (kept | tools)[tool] for tool in SCRIPTS if tool in kept | tools}}
     if options.write:
         page.record("scale", results)

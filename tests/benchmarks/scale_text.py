@@ -9,8 +9,10 @@ INTRODUCTION = """## Size
 A chain of n masses hangs on the ground by springs with dampers, connected flange to flange: about 14 n equations.
 The first mass is displaced, and 1 s is simulated with relative tolerance 1e-8. Each size runs in a fresh process.
 Times are wall times without imports, of the fastest of three runs (of one, where it took longer than 10 s; the
-column "runs" says which). Memory is the largest resident set of the process; what the interpreter and the imports
-take is given beside it. A run is stopped after {limit:g} s or {memory_limit:g} GB; larger sizes are then not tried."""
+column "runs" says which); "processor" is the time that the processor worked for the total, less than the wall time
+where other programs kept the machine busy. Memory is the largest resident set of the process; what the interpreter
+and the imports take of it stands beside it. A run is stopped at its limit of wall time, or {memory_limit:g} GB, and
+larger sizes are then not tried."""
 
 STAGES = {
     "cartpend_dae": (
@@ -50,8 +52,8 @@ def section(results):
         "",
         ABSENT,
         "",
-        "| tool | n | equations | build | assemble | first simulation | total | peak memory | imports | runs | error |",
-        "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
+        "| tool | n | equations | build | assemble | first simulation | total | processor | peak memory | imports | runs | error |",
+        "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
         *[row(tool, run, entry) for tool, entry in tools.items() for run in entry["runs"]],
         "",
         "The error is the largest of all positions at the end against the matrix exponential of the chain, relative to",
@@ -83,7 +85,7 @@ def measured_with(tool, entry):
     """Say which version was measured when, or that it is absent."""
     if entry["version"] is None:
         return f"{tool}: absent, because it is not installed in the interpreter of this run; `pip install -e .[bench]`."
-    busy = f"load average {entry['load']:.1f} at the start"
+    busy = f"load average {entry['load']:.1f} at the start, limit {entry['limit']:g} s"
     return f"{tool}: {entry['version']}, Python {entry['python']}, {entry['date']}, {busy}."
 
 
@@ -95,9 +97,10 @@ def row(tool, run, entry):
     if run["status"] == "time":
         cells[len([value for value in stages if value is not None])] = f"> {entry['limit']:g} s"
     whole = {"time": f"> {entry['limit']:g} s", "failed": "failed"}.get(run["status"], f"{total(run):.3g} s")
+    worked = "–" if memory is None else f"{total(run, 'processor'):.3g} s"
     sizes = [f"{memory[key]:.0f} MB" for key in ("peak", "imports")] if memory else ["–", "–"]
     first = [tool, f"{run['n']:,}", str(run.get("equations", "–"))]
-    return f"| {' | '.join([*first, *cells, whole, *sizes, str(run['repeats']), error(run)])} |"
+    return f"| {' | '.join([*first, *cells, whole, worked, *sizes, str(run['repeats']), error(run)])} |"
 
 
 def error(run):
@@ -110,9 +113,9 @@ def error(run):
     return "–"
 
 
-def total(run):
-    """Return the time of all stages but the import [s]."""
-    return sum(seconds for stage, seconds in run["seconds"].items() if stage != "import")
+def total(run, clock="seconds"):
+    """Return the wall time, or with `clock` the ``"processor"`` time, of all stages but the import [s]."""
+    return sum(seconds for stage, seconds in run[clock].items() if stage != "import")
 
 
 def slope(runs, time):

@@ -14,17 +14,18 @@ MEMORY_LIMIT = 8  # GB, so that no tool takes the machine down
 
 
 class Stages:
-    """Wall time [s] of consecutive stages, printed as they end: a run that is cut short leaves what it did."""
+    """Wall and processor time [s] of consecutive stages, printed as they end, so that a run cut short leaves some."""
 
     def __init__(self):
         limit_memory()
-        self.seconds, self._last = {}, time.perf_counter()
+        self.seconds, self.processor, self._last = {}, {}, (time.perf_counter(), time.process_time())
 
     def done(self, stage):
         """Note that `stage` has ended now; the next one begins."""
-        now = time.perf_counter()
-        self.seconds[stage], self._last = now - self._last, now
-        print("\n" + json.dumps({"seconds": self.seconds}), flush=True)
+        now = time.perf_counter(), time.process_time()
+        self.seconds[stage], self.processor[stage] = now[0] - self._last[0], now[1] - self._last[1]
+        self._last = now
+        print("\n" + json.dumps({"seconds": self.seconds, "processor": self.processor}), flush=True)
 
 
 def limit_memory():
@@ -63,4 +64,4 @@ def start(index):
 def report(stages, memory_of_imports, **more):
     """Print what was measured as the last line of the output."""
     memory = {"peak": peak_memory(), "imports": memory_of_imports}
-    print("\n" + json.dumps({"seconds": stages.seconds, "memory": memory} | more))
+    print("\n" + json.dumps({"seconds": stages.seconds, "processor": stages.processor, "memory": memory} | more))
