@@ -1,6 +1,7 @@
 """System -> CasADi functions: right-hand side, outputs, and the laws of dry friction."""
 
 from dataclasses import dataclass
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
@@ -52,6 +53,49 @@ def dae(system: System) -> Dae:
     rhs = ca.Function("rhs", list(arguments), [s.ode, s.alg], names, ["ode", "alg"])
     outputs = ca.Function("outputs", list(arguments), [s.outputs], names, ["y"])
     return Dae(system, rhs, outputs, arguments)
+
+
+def all_variables(
+    system: System,
+    times: np.ndarray,
+    x: np.ndarray,
+    z: np.ndarray,
+    u: np.ndarray,
+    p: np.ndarray,
+    force: np.ndarray,
+) -> np.ndarray:
+    """Return every variable of a system at some times, shape (n_times, n_variables).
+
+    One time after the other in memory that numpy owns: a mapped function would want a copy of `p` for each,
+    and CasADi hands a matrix to numpy through a list of Python numbers, four times its size.
+
+    Parameters
+    ----------
+    system
+        The system.
+    times
+        Times [s], shape (n_times,).
+    x, z, u, force
+        States, algebraic variables, inputs and friction forces, a column for each time.
+    p
+        Parameters (n_p,).
+    """
+    function = dae(system).outputs
+    rows = np.array(function.sparsity_out(0).row(), dtype=int)
+    now = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
+    found = np.zeros(rows.size)
+    buffer, evaluate = cast(Any, function.buffer())  # its stub wants a size, which its methods refuse
+    for i, argument in enumerate(now):
+        if argument.size:
+            buffer.set_arg(i, argument.data)
+    buffer.set_res(0, found.data)
+    now[4][:] = p
+    values = np.zeros((times.size, function.numel_out(0)))
+    for k, time in enumerate(times):
+        now[0][:], now[1][:], now[2][:], now[3][:], now[5][:] = time, x[:, k], z[:, k], u[:, k], force[:, k]
+        evaluate()
+        values[k, rows] = found
+    return values
 
 
 def friction_laws(system: System) -> Friction:

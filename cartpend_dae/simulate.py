@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.assemble import assemble, check_bounds
-from cartpend_dae.dae import dae, parameter_vector
+from cartpend_dae.dae import all_variables, dae, parameter_vector
 from cartpend_dae.data import Trajectory
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.events import HybridFriction, friction_events
@@ -346,12 +346,10 @@ def _trajectory(
     keep = np.searchsorted(fine, grid)
     u = inputs_at(driven, fine)[:, keep]
     force = _forces(system, grid, x[:, keep], z[:, keep], u, p, modes[:, keep])
-    outputs = dae(system).outputs.map(grid.size)
-    values = outputs(grid[None, :], x[:, keep], z[:, keep], u, np.tile(p[:, None], grid.size), force)
     return Trajectory(
         time=grid,
         names=tuple(variable.name for variable in system.variables),
-        values=np.asarray(values).T.copy(),
+        values=all_variables(system, grid, x[:, keep], z[:, keep], u, p, force),
         units=tuple(variable.declaration.unit for variable in system.variables),
     )
 

@@ -1,0 +1,41 @@
+"""Write docs/benchmarks.md from the figures that the benchmarks recorded in `results/`, one JSON file a section.
+
+A benchmark is a script that measures and calls `record`, and a module `<section>_text.py` with a function `section`
+that makes Markdown of what was recorded; its name stands in `SECTIONS`. ``python tests/benchmarks/page.py`` writes
+the page again without measuring.
+"""
+
+import importlib
+import json
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+RESULTS = HERE / "results"
+SECTIONS = ("scale",)
+
+
+def record(name, results):
+    """Keep what a benchmark found."""
+    RESULTS.mkdir(exist_ok=True)
+    (RESULTS / f"{name}.json").write_text(json.dumps(results, indent=1) + "\n")
+
+
+def recorded():
+    """Return what the benchmarks found, by section."""
+    files = {name: RESULTS / f"{name}.json" for name in SECTIONS}
+    return {name: json.loads(file.read_text()) for name, file in files.items() if file.exists()}
+
+
+def text(results):
+    """Return the page."""
+    lines = ["# Benchmarks", "", "Made by the commands that each section names; the figures are what they found.", ""]
+    for name in SECTIONS:
+        if name in results:
+            lines += [*importlib.import_module(f"benchmarks.{name}_text").section(results[name]), ""]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(HERE.parent))
+    (HERE.parents[1] / "docs" / "benchmarks.md").write_text(text(recorded()))
