@@ -21,14 +21,17 @@ def join(tables: Gathered, path: str, component: Component | None, connection: C
             if id(end.owner) not in tables.path_of:
                 raise ModelError(
                     f"`connect` in `{where}` names a port `{end.name}` of a {type(end.owner).__name__} "
-                    f"that is no part of the model: store it in an attribute in `__post_init__`."
+                    f"that is no part of the model: store it in an attribute in `__post_init__`, under one name."
                 )
             side = "outside" if end.owner is component else "inside"
             keys.append((tables.path_of[id(end.owner)], end.name, side))
         else:
             index = tables.index_of.get(end.element_hash()) if end.is_symbolic() else None
             if index is None or tables.variables[index].kind not in ("input", "output", "variable"):
-                raise ModelError(f"`connect` in `{where}` names `{end}`, which is neither a port nor a signal.")
+                raise ModelError(
+                    f"`connect` in `{where}` names `{end}`, which is neither a port nor a signal: write an equation, "
+                    f"`yield self.x == {end}`, for a variable `x = var(unit=...)`, and connect that."
+                )
             keys.append(index)
             if component is not None and end.element_hash() in {
                 s.element_hash() for s in symbols_of(component).values()
@@ -52,7 +55,7 @@ def connect_all(tables: Gathered) -> tuple[int, ...]:
         outputs = [i for i in indices if tables.variables[i].kind in ("output", "variable")]
         sources = [i for i in outputs if i not in tables.driven_inside] or outputs[-1:]
         if len(sources) > 1:
-            raise ModelError(_two_sources(tables, sources, indices))
+            tables.findings.append(_two_sources(tables, sources, indices))
         undriven -= set(indices)
         source = sources[0] if sources else indices[0]
         tables.driven_inside.discard(source)

@@ -7,24 +7,23 @@ from collections.abc import Iterator
 
 import casadi as ca
 
+from cartpend_dae.balance import check_balance
 from cartpend_dae.collector import Collector, collecting
 from cartpend_dae.connections import connect_all, join
 from cartpend_dae.errors import ModelError
+from cartpend_dae.explain import listed_findings
 from cartpend_dae.gathered import Gathered
 from cartpend_dae.language import (
     Component,
-    Connection,
-    Initial,
-    Statement,
     attached_to,
     bindings_of,
     parameters_of,
     parts_of,
-    symbols_of,
     used_ports_of,
     variables_of,
 )
 from cartpend_dae.quantities import Flow, Signal, state_of
+from cartpend_dae.statements import foreign_sentence, residual_of, stated_by, users_of
 from cartpend_dae.system import FlatSystem, Frictions, Initials, Kind, Parameter, Variable
 from cartpend_dae.templates import Key, Template, enrol, instantiate, make_template, template_key
 
@@ -54,8 +53,11 @@ def flatten(model: Component) -> FlatSystem:
     for path, component in tables.components:
         _declare_parameters(tables, path, component)
     inputs = connect_all(tables)
-    _check_balance(tables, inputs, type(model).__name__)
-    return _freeze(tables, collector, inputs, type(model).__name__)
+    if tables.findings:
+        raise ModelError(listed_findings(type(model).__name__, tables.findings))
+    flat = _freeze(tables, collector, inputs, type(model).__name__)
+    check_balance(tables, flat)
+    return flat
 
 
 def _walk(component: Component, path: str) -> Iterator[tuple[str, Component]]:
@@ -66,9 +68,13 @@ def _walk(component: Component, path: str) -> Iterator[tuple[str, Component]]:
 
 def _declare(tables: Gathered, path: str, component: Component) -> None:
     if id(component) in tables.path_of:
+        first = tables.path_of[id(component)]
+        if not first or path.startswith((f"{first}.", f"{first}[")):
+            raise ModelError(
+                f"`{first or type(component).__name__}` contains itself, as `{path}`; leave that part out."
+            )
         raise ModelError(
-            f"The same {type(component).__name__} stands in the model twice, as `{tables.path_of[id(component)]}` "
-            f"and as `{path}`; make two."
+            f"The same {type(component).__name__} stands in the model twice, as `{first}` and as `{path}`; make two."
         )
     tables.components.append((path, component))
     tables.path_of[id(component)] = path
@@ -93,7 +99,7 @@ def _declare_parameters(tables: Gathered, path: str, component: Component) -> No
         dotted = f"{path}.{name}" if path else name
         bound = ca.SX(bindings_of(component)[name])
         if name in built_as_zero and not bound.is_zero():
-            raise ModelError(
+            tables.findings.append(
                 f"`{dotted}` was 0 when `{path or type(component).__name__}` was made, so that the part it belongs "
                 f"to does not exist; set it in the constructor."
             )
@@ -139,82 +145,27 @@ def _collect_all(tables: Gathered, collector: Collector) -> None:
 def _collect(tables: Gathered, collector: Collector, path: str, component: Component) -> None:
     where = path or type(component).__name__
     n_frictions = len(collector.frictions)
-    for count, statement in enumerate(_statements(component, where), start=1):
-        origin = f"{where}: equation {count}"
-        if isinstance(statement, Connection):
-            join(tables, path, component, statement)
-        elif isinstance(statement, Initial):
-            tables.initials.append((f"{where}: initial equation {count}", statement))
-        else:
-            tables.residuals.append(_residual(statement, origin))
-            tables.origins.append(origin)
-            tables.own_equations[path] += 1
-    for _, connections in attached_to(component).values():
-        for connection in connections:
-            join(tables, path, None, connection)
+    stated = stated_by(component, where)
+    tables.residuals += stated.residuals
+    tables.origins += stated.origins
+    tables.own_equations[path] += len(stated.residuals)
+    tables.initials += stated.initials
+    tables.findings += stated.findings
+    connections = [(component, connection) for connection in stated.connections]
+    connections += [(None, connection) for _, attached in attached_to(component).values() for connection in attached]
+    for seen_from, connection in connections:
+        try:
+            join(tables, path, seen_from, connection)
+        except ModelError as error:
+            tables.findings.append(str(error))
     tables.frictions += [(where, i) for i in range(n_frictions, len(collector.frictions))]
-
-
-def _statements(component: Component, where: str) -> Iterator[Statement]:
-    statements = component.equations()
-    if statements is None:
-        raise ModelError(
-            f"`equations` of `{where}` ({type(component).__name__}) returns nothing: `yield` each equation."
-        )
-    yield from statements
-
-
-def _residual(statement: object, origin: str) -> ca.SX:
-    if isinstance(statement, bool) or (isinstance(statement, ca.SX) and statement.is_constant()):
-        always = bool(statement) if isinstance(statement, bool) else bool(float(statement))
-        what = "holds always and determines nothing" if always else "can never hold"
-        raise ModelError(f"{origin} {what}: both its sides are the same kind of constant. Remove or correct it.")
-    if not isinstance(statement, ca.SX) or not statement.is_scalar() or statement.op() != ca.OP_EQ:
-        raise ModelError(f"{origin} is `{statement}`, which is not an equation: write `left == right`.")
-    return statement.dep(0) - statement.dep(1)
-
-
-def _check_balance(tables: Gathered, inputs: tuple[int, ...], name: str) -> None:
-    n_unknowns = len(tables.variables) - len(inputs)
-    findings = sorted(_local_findings(tables))
-    if n_unknowns == len(tables.origins) and not findings:
-        return
-    counts = f"{name} has {len(tables.origins)} equations for {n_unknowns} unknowns"
-    listing = "\n".join(f"  - {finding}" for finding in findings)
-    if not findings:
-        listing = "  - every component is balanced by itself: look at what is connected"
-    raise ModelError(f"{counts}; look here:\n{listing}")
-
-
-def _local_findings(tables: Gathered) -> Iterator[str]:
-    """Compare each component's equations with own variables + output signals + flows of its ports."""
-    inner = {key[:2] for members in tables.sets.sets() for key in members if key[2] == "outside"}  # type: ignore[index]
-    for path, component in tables.components:
-        expected = 0
-        for name, declared in variables_of(type(component)).items():
-            index = tables.index_of[symbols_of(component)[name].element_hash()]
-            if isinstance(declared, Signal):
-                expected += declared.direction == "out" and index not in tables.driven_inside
-            else:
-                expected += 1
-        for port_name, port in used_ports_of(component).items():
-            if (path, port_name) not in inner:
-                expected += sum(isinstance(kind, Flow) for kind in type(port).quantities.values())
-        given = tables.own_equations[path]
-        if given != expected:
-            difference = "too few" if given < expected else "too many"
-            yield (
-                f"`{path or type(component).__name__}` ({type(component).__name__}) gives {given} equations and needs "
-                f"{expected} (own variables, output signals and port flows): {abs(given - expected)} {difference}"
-                + ("; is `yield from super().equations()` missing?" if given < expected else "")
-            )
 
 
 def _freeze(tables: Gathered, collector: Collector, inputs: tuple[int, ...], name: str) -> FlatSystem:
     derivatives, symbols, zero = _derivatives(tables, collector)
     residual = ca.vertcat(*tables.residuals) if tables.residuals else ca.SX(0, 1)
     f = _frictions(tables, collector)
-    initials = ca.vertcat(*[_residual(i.equation, o) for o, i in tables.initials]) if tables.initials else ca.SX(0, 1)
+    initials = ca.vertcat(*[residual_of(i.equation, o) for o, i in tables.initials]) if tables.initials else ca.SX(0, 1)
     residual, initials, speed, level_pos, level_neg = ca.substitute(
         [residual, initials, f.speed, f.level_pos, f.level_neg], zero, [ca.SX(0)] * len(zero)
     )
@@ -239,7 +190,7 @@ def _freeze(tables: Gathered, collector: Collector, inputs: tuple[int, ...], nam
             for members in tables.sets.sets()
         ),
     )
-    _check_symbols(flat)
+    _check_symbols(tables, flat)
     return flat
 
 
@@ -257,7 +208,10 @@ def _derivatives(tables: Gathered, collector: Collector) -> tuple[tuple[tuple[in
             lower = known[key]
             found = None if lower is None else (lower[0], lower[1] + 1)
         else:
-            raise ModelError(f"`der({symbol})` names a quantity of a component that is not part of the model.")
+            residual = ca.vertcat(*tables.residuals)
+            (users,) = users_of(derivative, residual, tables.origins)
+            tables.findings.append(foreign_sentence(f"`der({symbol})`", users))
+            found = None
         known[derivative.element_hash()] = found
         if found is None:
             zero.append(derivative)
@@ -281,17 +235,26 @@ def _frictions(tables: Gathered, collector: Collector) -> Frictions:
     )
 
 
-def _check_symbols(flat: FlatSystem) -> None:
+def _check_symbols(tables: Gathered, flat: FlatSystem) -> None:
     known = ca.vertcat(flat.symbols, flat.derivative_symbols, flat.parameter_symbols, flat.time, flat.frictions.force)
     f = flat.frictions
     used = (flat.residual, flat.parameter_bindings, flat.initials.residual, f.speed, f.level_pos, f.level_neg)
     foreign = _foreign(ca.vertcat(*used), known)
     if foreign:
-        listing = ", ".join(f"`{symbol}`" for symbol in foreign)
-        raise ModelError(
-            f"{flat.name} uses {listing} of a component that is not part of the model: "
-            f"store every part in an attribute in `__post_init__`."
-        )
+        users = _users(flat, ca.vertcat(*foreign))
+        tables.findings += [foreign_sentence(f"`{s}`", of) for s, of in zip(foreign, users, strict=True)]
+    if tables.findings:
+        raise ModelError(listed_findings(flat.name, tables.findings))
+
+
+def _users(flat: FlatSystem, foreign: ca.SX) -> list[list[str]]:
+    """Return where each foreign symbol is used: in equations, in what parameters are set to, in dry frictions."""
+    f = flat.frictions
+    frictions = ca.vertcat(f.speed, f.level_pos, f.level_neg)
+    parts = ca.vertcat(flat.residual, flat.initials.residual, flat.parameter_bindings, frictions)
+    settings = [f"what `{parameter.name}` is set to" for parameter in flat.parameters]
+    places = [f"{place}: dry friction" for place in f.places] * 3
+    return users_of(foreign, parts, [*flat.origins, *flat.initials.origins, *settings, *places])
 
 
 def _foreign(expression: ca.SX, known: ca.SX) -> list[ca.SX]:

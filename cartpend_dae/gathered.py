@@ -33,3 +33,4 @@ class Gathered:
     ports: dict[tuple[str, str], Port] = field(default_factory=dict)
     driven_inside: set[int] = field(default_factory=set)
     n_connections: int = 0
+    findings: list[str] = field(default_factory=list)

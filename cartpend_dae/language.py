@@ -12,14 +12,16 @@ One rule: *annotated = set in the constructor; not annotated = computed by the m
 Between symbols ``==`` makes an equation. Nothing here knows how equations are solved.
 """
 
+import reprlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar, dataclass_transform
+from typing import TYPE_CHECKING, Any, Literal, Never, TypeVar, dataclass_transform
 
 import casadi as ca
 
 from cartpend_dae.collector import DryFriction, collector_of
-from cartpend_dae.errors import ModelError
+from cartpend_dae.errors import CartpendError, ModelError
+from cartpend_dae.explain import failure_sentence, known_cause, nearest
 from cartpend_dae.quantities import (
     Declaration,
     Expression,
@@ -201,13 +203,19 @@ def connect(*ends: Port | ca.SX) -> Connection:
     kinds = {type(end) for end in ends}
     if len(kinds) > 1:
         names = " and ".join(sorted(_end_name(end) for end in ends))
-        raise ModelError(f"`connect` joins ports of one class: {names} do not fit together.")
+        cure = (
+            "put a part between them that has a port of each class"
+            if ca.SX not in kinds
+            else "join ports to ports and signals to signals"
+        )
+        raise ModelError(f"`connect` joins ports of one class: {names} do not fit together; {cure}.")
     return Connection(ends)
 
 
 def _end_name(end: object) -> str:
     if isinstance(end, Port):
-        return f"`{type(end.owner).__name__}.{end.name}` ({type(end).__name__})"
+        domain = type(end).__module__.rpartition(".")[2]
+        return f"`{type(end.owner).__name__}.{end.name}` ({domain}.{type(end).__name__})"
     if isinstance(end, Component):
         return f"a component {type(end).__name__}"
     return f"`{end}` (signal)" if isinstance(end, ca.SX) else repr(end)
@@ -240,9 +248,15 @@ class Component:
         If a parameter is missing, unknown, or not a number or an expression.
     """
 
-    def __init__(self, **arguments: object) -> None:
+    def __init__(self, *values: object, **arguments: object) -> None:
         cls = type(self)
         fields = constructor_fields(cls)
+        if values:
+            names = ", ".join(f"`{name}=`" for name in list(fields)[: len(values)]) or "none"
+            raise TypeError(
+                f"{cls.__name__} takes its arguments by name, not by position: {reprlib.repr(values[0])} stands "
+                f"without one. Its first names are: {names}."
+            )
         unknown = sorted(set(arguments) - set(fields))
         missing = sorted(name for name, has_default in fields.items() if not has_default and name not in arguments)
         if unknown or missing:
@@ -253,7 +267,12 @@ class Component:
         for name, declaration in declared.items():
             if name not in arguments:
                 setattr(self, name, declaration.declaration.default)
-        self.__post_init__()
+        try:
+            self.__post_init__()
+        except (RuntimeError, TypeError, NotImplementedError) as error:
+            if isinstance(error, CartpendError) or known_cause(error) is None:
+                raise
+            raise ModelError(failure_sentence(f"`__post_init__` of {cls.__name__}", error)) from error
 
     def __post_init__(self) -> None:
         """Make the parts of the model; the parameters are set already."""
@@ -261,6 +280,12 @@ class Component:
     def equations(self) -> Statements:
         """Yield equations, connections and initial equations."""
         yield from ()
+
+    if not TYPE_CHECKING:  # else a checker would take every name for one that exists
+
+        def __getattr__(self, name: str) -> Never:
+            """Refuse a name that does not exist, with the nearest ones that do."""
+            raise AttributeError(f"{type(self).__name__} has no `{name}`{nearest(name, _names_of(self))}")
 
     def is_zero(self, name: str) -> bool:
         """True if the parameter was set to the number 0, so that the part need not exist.
@@ -284,6 +309,11 @@ class Component:
             raise ModelError(f"This {type(self).__name__} has a part `{name}` already; attach it under another name.")
         state_of(self).attached[name] = (part, connections)
         return part
+
+
+def _names_of(component: Component) -> list[str]:
+    cls = type(component)
+    return [*parts_of(component), *ports_of(cls), *variables_of(cls), *parameters_of(cls)]
 
 
 def _argument_sentence(cls: type, unknown: list[str], missing: list[str], known: list[str]) -> str:

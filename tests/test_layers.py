@@ -13,14 +13,15 @@ MAX_LINES = 400
 
 LAYERS = """
     errors units graph
+    explain
     quantities collector
     language
     library
     system
-    gathered templates dimension_rules
-    connections
+    gathered templates dimension_rules statements
+    connections dimensions
+    balance
     flatten
-    dimensions
     alias
     diagnose
     index
