@@ -58,20 +58,21 @@ def singular_sentence(
     over = sorted(aliased.origins[i] for i in many)
     under = sorted((bases[j] for j in loose), key=lambda i: (variables[i].kind != "potential", variables[i].name))
     names = [f"`{variables[base].name}`" for base in under]
-    redundant = _listed(sorted(aliased.redundant), "; ")
+    redundant = listed(sorted(aliased.redundant), "; ")
     free = _free(aliased, few, [bases[j] for j in loose])
     groups = [free.intersection(group) for group in _groups([(i, bases[j]) for i, j in pairs], under)]
     causes = dict.fromkeys(_cause(aliased, over, group) for group in groups[:MOST_NAMES] if group)
     return (
         f"{aliased.flat.name} is structurally singular: {shape[0]} equations remain for {shape[1]} unknowns. "
-        f"No unknown is left for: {_listed(over, '; ')}{_counts(over, 'equations', short, 'unknowns')}. "
-        f"No equation gives: {_listed(names, ', ')}{_counts(under, 'unknowns', few, 'equations')}. "
+        f"No unknown is left for: {listed(over, '; ')}{_counts(over, 'equations', short, 'unknowns')}. "
+        f"No equation gives: {listed(names, ', ')}{_counts(under, 'unknowns', few, 'equations')}. "
         f"Equations that say nothing new: {redundant}. "
         f"Likely causes: {'; and '.join(causes) or 'an equation too many, to be removed'}."
     )
 
 
-def _listed(items: Sequence[str], separator: str) -> str:
+def listed(items: Sequence[str], separator: str) -> str:
+    """Return items in one text, of long lists the first."""
     more = [f"and {len(items) - MOST_NAMES} more"] if len(items) > MOST_NAMES else []
     return separator.join([*items[:MOST_NAMES], *more]) or "none"
 
@@ -125,11 +126,11 @@ def _cause(aliased: AliasedSystem, over: list[str], under: set[int]) -> str:
     if sums:
         return _nothing_takes_up(flat, sums, potentials)
     if potentials and (not over or any(": sum of " in origin for origin in aliased.redundant)):
-        return _no_reference(flat, potentials)
+        return no_reference(flat, potentials)
     if flows and not potentials and (over or aliased.redundant):
-        return _given_twice(flat, flows)
-    missing = _listed(sorted(f"`{flat.variables[i].name}`" for i in under), ", ")
-    spare = _listed(over or sorted(aliased.redundant), "; ")
+        return given_twice(flat, flows)
+    missing = listed(sorted(f"`{flat.variables[i].name}`" for i in under), ", ")
+    spare = listed(over or sorted(aliased.redundant), "; ")
     if spare != "none":
         return f"one thing determined twice, by {spare}; replace one of these by an equation for {missing}"
     return f"a missing equation; add one that determines {missing}"
@@ -139,7 +140,7 @@ def _nothing_takes_up(flat: FlatSystem, sums: list[str], potentials: list[int]) 
     domain = _domain(flat, potentials)
     lonely = [f"`{origin.split()[1][:-1]}`" for origin in sums if origin.startswith("unconnected ")]
     if lonely:
-        places = _listed(lonely, ", ")
+        places = listed(lonely, ", ")
         return f"an unconnected port: the {domain.flow} at {places} acts on nothing; connect it to {domain.taker}"
     return (
         f"sources in series: {_owners(flat, potentials)} prescribe the {domain.flow}, which nothing else takes up; "
@@ -147,7 +148,8 @@ def _nothing_takes_up(flat: FlatSystem, sums: list[str], potentials: list[int]) 
     )
 
 
-def _given_twice(flat: FlatSystem, flows: list[int]) -> str:
+def given_twice(flat: FlatSystem, flows: list[int]) -> str:
+    """Return cause and cure where nothing determines these flows."""
     domain, paths, owners = _domain(flat, flows), _owner_paths(flat, flows), _owners(flat, flows)
     if len(paths) == 1:
         return (
@@ -165,7 +167,8 @@ def _given_twice(flat: FlatSystem, flows: list[int]) -> str:
     )
 
 
-def _no_reference(flat: FlatSystem, potentials: list[int]) -> str:
+def no_reference(flat: FlatSystem, potentials: list[int]) -> str:
+    """Return cause and cure where nothing determines the level of these potentials."""
     domain = _domain(flat, potentials)
     return (
         f"a missing ground{'' if domain.flow == 'current' else ' or body'}: nothing fixes the {domain.potential} of "
@@ -197,4 +200,4 @@ def _owner_paths(flat: FlatSystem, members: list[int]) -> list[str]:
 
 def _owners(flat: FlatSystem, members: list[int]) -> str:
     classes = dict(flat.components)
-    return _listed([f"`{path or flat.name}` ({classes[path]})" for path in _owner_paths(flat, members)], ", ")
+    return listed([f"`{path or flat.name}` ({classes[path]})" for path in _owner_paths(flat, members)], ", ")

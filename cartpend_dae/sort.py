@@ -5,6 +5,7 @@ their unknowns are solved here, symbolically; the others remain as algebraic equ
 """
 
 from collections import defaultdict
+from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from cartpend_dae.alias import nonzeros, relation_values
 from cartpend_dae.errors import StructureError
 from cartpend_dae.graph import blocks, matching
+from cartpend_dae.singular import Key, dependence_sentence
 from cartpend_dae.system import (
     AliasedSystem,
     Block,
@@ -48,7 +50,7 @@ def sort(indexed: IndexedSystem) -> System:
     state_keys = indexed.states
     unknowns = _stack([table[key] for key in indexed.unknowns])
     labels = [names[key] for key in indexed.unknowns]
-    solved, made, nonlinear = _solve_blocks(aliased, unknowns, labels)
+    solved, made, nonlinear = _solve_blocks(aliased, indexed.unknowns, unknowns, labels)
     ode = [table[base, lower + 1] for base, lower in state_keys]
     outputs = relation_values([(relation, 0) for relation in aliased.relations], aliased.keys, aliased.symbols)
     friction = aliased.frictions
@@ -132,7 +134,7 @@ def _names(aliased: AliasedSystem) -> dict[tuple[int, int], str]:
 
 
 def _solve_blocks(
-    aliased: AliasedSystem, unknowns: ca.SX, labels: list[str]
+    aliased: AliasedSystem, unknown_keys: Sequence[Key], unknowns: ca.SX, labels: list[str]
 ) -> tuple[list[tuple[ca.SX, ca.SX]], tuple[Block, ...], list[tuple[int, int]]]:
     """Solve block by block; return definitions in order, the blocks, and (equation, unknown) left over."""
     jacobian = ca.jacobian(aliased.residual, unknowns)
@@ -155,7 +157,12 @@ def _solve_blocks(
         symbols = unknowns[own]
         constant = ca.substitute(aliased.residual[equations], symbols, ca.SX.zeros(len(own)))
         matrix = jacobian[equations, own]
-        solution = solve_linear(matrix, -constant, block_names)
+        try:
+            solution = solve_linear(matrix, -constant, block_names)
+        except StructureError as error:
+            keys = [unknown_keys[j] for j in own]
+            sentence = dependence_sentence(aliased, equations, keys, dict(zip(keys, block_names, strict=True)))
+            raise StructureError(sentence) from error
         definitions += zip(ca.vertsplit(symbols), ca.vertsplit(solution), strict=True)
         made.append(Block(block_names, origins, "explicit" if len(own) == 1 else "linear"))
     return definitions, tuple(made), nonlinear

@@ -22,8 +22,9 @@ LAYERS = """
     connections dimensions
     balance
     flatten
-    alias
     diagnose
+    singular contradiction
+    alias
     index
     sort merge
     assemble
