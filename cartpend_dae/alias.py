@@ -288,6 +288,9 @@ def _join(row: _Row, chains: _Chains, rank: list[tuple[int, int, int]], inputs: 
     ):
         # f = -m der(v) and i = (V - u)/R are laws, not other names: a state must not become a multiple of a flow
         return None
+    if order > 0 and not isinstance(factor, ca.SX) and factor != 1:
+        # x' = -y is a law too: where y has a nonlinear one, y is the unknown to keep, not x'
+        return None
     chains.relations[variable] = Relation(other, order, factor, offset)
     return variable
 

@@ -9,7 +9,6 @@ from cartpend_dae.flatten import flatten
 from cartpend_dae.index import reduce_index
 from cartpend_dae.language import Component
 from cartpend_dae.merge import merge_frictions
-from cartpend_dae.singular import check_regular
 from cartpend_dae.sort import sort
 from cartpend_dae.system import System
 
@@ -35,7 +34,6 @@ def assemble(model: Component | System) -> System:
     check_dimensions(flat)
     system = merge_frictions(sort(reduce_index(alias(flat))))
     check_bounds(system, system.parameter_values)
-    check_regular(system, system.parameter_values)
     return system
 
 

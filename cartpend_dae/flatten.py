@@ -23,7 +23,7 @@ from cartpend_dae.language import (
     variables_of,
 )
 from cartpend_dae.quantities import Flow, Signal, state_of
-from cartpend_dae.statements import foreign_sentence, residual_of, stated_by, users_of
+from cartpend_dae.statements import foreign_sentence, residual_of, stated_by, users_of, varying_findings
 from cartpend_dae.system import FlatSystem, Frictions, Initials, Kind, Parameter, Variable
 from cartpend_dae.templates import Key, Template, enrol, instantiate, make_template, template_key
 
@@ -243,6 +243,7 @@ def _check_symbols(tables: Gathered, flat: FlatSystem) -> None:
     if foreign:
         users = _users(flat, ca.vertcat(*foreign))
         tables.findings += [foreign_sentence(f"`{s}`", of) for s, of in zip(foreign, users, strict=True)]
+    tables.findings += varying_findings(flat)
     if tables.findings:
         raise ModelError(listed_findings(flat.name, tables.findings))
 

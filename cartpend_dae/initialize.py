@@ -55,6 +55,8 @@ def initialize(system: System, p: np.ndarray, u: np.ndarray, start: dict[str, fl
     conditions = _conditions(system, start)
     unknowns = ca.vertcat(system.x, system.z)
     n = unknowns.numel()
+    if n == 0:
+        return Start(np.zeros(0), np.zeros(0))
     zero_force = ca.SX.zeros(system.frictions.force.numel())
     residual = ca.substitute(conditions.residual, system.frictions.force, zero_force)
     function = ca.Function(
@@ -78,7 +80,7 @@ def initialize(system: System, p: np.ndarray, u: np.ndarray, start: dict[str, fl
         chosen = _independent(j, n)
         step = _solve(j[chosen], -r[chosen])
         point = point + step
-        if np.max(np.abs(step), initial=0.0) <= 1e-13 * np.max(np.abs(point), initial=1.0):
+        if np.max(np.abs(step)) <= 1e-13 * max(1.0, float(np.max(np.abs(point)))):
             break
     _check(system, conditions, evaluate(point), chosen)
     return Start(point[: system.x.numel()], point[system.x.numel() :])
@@ -145,8 +147,6 @@ def _first_guess(at_zero: tuple[np.ndarray, Sparse], priority: np.ndarray) -> np
 
 
 def _solve(matrix: Sparse, right: np.ndarray) -> np.ndarray:
-    if not right.size:
-        return right
     solution: Any = spsolve(matrix.tocsc(), right)
     return np.asarray(solution).ravel()
 

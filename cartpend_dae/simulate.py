@@ -96,8 +96,7 @@ def simulate(
     grid = _grid(stop, times, points, step if method == "rk4" else None)
     p = parameter_vector(system, _named("parameters", parameters))
     check_bounds(system, p)
-    if parameters:
-        check_regular(system, p)
+    check_regular(system, p)
     every = checked_inputs(system, _named("inputs", inputs))
     fine = with_knots(grid, every)
     driven = driven_inputs(every, fine)

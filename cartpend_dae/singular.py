@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
-from cartpend_dae.diagnose import MOST_UNKNOWNS, given_twice, listed, no_reference
+from cartpend_dae.diagnose import MOST_UNKNOWNS, domain_of, given_twice, listed, no_reference
 from cartpend_dae.errors import StructureError
 from cartpend_dae.explain import listed_findings
 from cartpend_dae.system import AliasedSystem, System, parameters_of_all
@@ -65,11 +65,15 @@ def check_regular(system: System, values: np.ndarray) -> None:
         return
     equations = [[row_of[origin] for origin in block.origins] for block in linear]
     keys = [[key_of[name] for name in block.unknowns] for block in linear]
-    suspects = _singular_blocks(aliased, equations, keys, parameters_of_all(aliased.flat, values))
+    parameters = parameters_of_all(aliased.flat, values)
+    suspects = _singular_blocks(aliased, equations, keys, parameters)
     findings: dict[str, str] = {}  # of blocks with one cause, the first
     for b in suspects:
         sentence, cause = _dependence(aliased, equations[b], keys[b], system.names, values)
         findings.setdefault(cause or sentence, sentence)
+    for rows, (key, *more) in zip(equations, keys, strict=True):
+        if not more and (sentence := _locked(aliased, rows[0], key, parameters)) is not None:
+            findings.setdefault(sentence, sentence)
     if findings:
         raise StructureError(listed_findings(system.name, list(findings.values())))
 
@@ -136,10 +140,12 @@ def _entries(aliased: AliasedSystem, equations: list[int], keys: list[Key], para
     function = ca.Function("entries", [moving, flat.parameter_symbols], [elements])
     point = 0.1 + 0.8 * np.mod(np.arange(1, moving.numel() + 1) * 0.6180339887498949, 1)
     values, other = (np.asarray(function(point, p)).ravel() for p in (parameters, _shaken(parameters, _STEP)))
+    with np.errstate(invalid="ignore"):
+        changes = np.abs(other - values)
     hangs = [np.zeros(len(rows), dtype=bool) for _ in range(2)]
     for flags, symbols in zip(hangs, (moving, flat.parameter_symbols), strict=True):
         flags[np.array(ca.jacobian_sparsity(elements, symbols).get_triplet()[0], dtype=int)] = True
-    return _Entries(rows, columns, values, np.abs(other - values), hangs[0], ~hangs[0] & ~hangs[1])
+    return _Entries(rows, columns, values, changes, hangs[0], ~hangs[0] & ~hangs[1])
 
 
 def _shaken(parameters: np.ndarray, relative: float) -> np.ndarray:
@@ -183,22 +189,23 @@ def _dependence(
     matrix = _matrix(aliased, equations, keys, parameters)
     left, right = _support(matrix.T), _support(matrix)
     unknowns = listed([f"`{names[keys[j]]}`" for j in right], ", ")
-    origins = [aliased.origins[equations[i]] for i in left]
+    origins = [_undifferentiated(aliased.origins[equations[i]]) for i in left]
     generic = _matrix(aliased, equations, keys, 0.3 + np.abs(_shaken(parameters + 0.5, 0.5)))
-    at = "" if _support(generic) else listed(_settings(aliased, [equations[i] for i in left], keys, parameters), ", ")
+    at = {} if _support(generic) else _settings(aliased, [equations[i] for i in left], keys, parameters)
     cause = _cause(aliased, keys, parameters, is_structural=not at)
-    cure = f"{'change one of these parameters, or ' if at else ''}replace "
-    where = f" at {at}" if at else ""
+    where = f" at {listed([f'{name} = {value:g}' for name, value in at.items()], ', ')}" if at else ""
+    one = next(iter(at)) if len(at) == 1 else "one of these parameters"
+    cure = f"{f'Change {one}, or replace' if at else 'Replace'} "
     if len(equations) == 1:
         what = f"{origins[0]} does not determine {unknowns}, whose factor in it is zero{where}"
-        cure += f"it by an equation that determines {unknowns}"
+        cure += f"the equation by one that determines {unknowns}"
     else:
         what = (
             f"The linear equations for {unknowns} are singular: they are not independent{where}: "
             f"{listed(origins, '; ')}"
         )
         cure += f"one of these equations by one that determines {unknowns}"
-    return f"{what}. {f'Likely cause: {cause}' if cause else cure[0].upper() + cure[1:]}.", cause
+    return f"{what}. {f'Likely cause: {cause}' if cause else cure}.", cause
 
 
 def _matrix(
@@ -220,7 +227,14 @@ def _support(matrix: np.ndarray) -> list[int]:
     return np.flatnonzero(np.abs(null).max(axis=0, initial=0.0) > 1e-8).tolist()
 
 
-def _settings(aliased: AliasedSystem, equations: list[int], keys: Sequence[Key], parameters: np.ndarray) -> list[str]:
+def _undifferentiated(origin: str) -> str:
+    """Return where the equation itself stands, not a derivative of it."""
+    return origin.replace("derivative of ", "")
+
+
+def _settings(
+    aliased: AliasedSystem, equations: list[int], keys: Sequence[Key], parameters: np.ndarray
+) -> dict[str, float]:
     """Return the parameters in the matrix of a block, with their values."""
     flat = aliased.flat
     position = {key: k for k, key in enumerate(aliased.keys)}
@@ -228,7 +242,36 @@ def _settings(aliased: AliasedSystem, equations: list[int], keys: Sequence[Key],
     used = {symbol.element_hash() for symbol in ca.symvar(matrix)}
     symbols = ca.vertsplit(flat.parameter_symbols)
     chosen = [i for i, symbol in enumerate(symbols) if symbol.element_hash() in used]
-    return sorted(f"`{flat.parameters[i].name}` = {parameters[i]:g}" for i in chosen)
+    return {f"`{flat.parameters[i].name}`": float(parameters[i]) for i in chosen}
+
+
+def _locked(aliased: AliasedSystem, equation: int, key: Key, parameters: np.ndarray) -> str | None:
+    """Return the sentence for parts joined by rigid ones of different ratios, which hold each other at 0."""
+    flat = aliased.flat
+    origin = aliased.origins[equation]
+    if (
+        origin.startswith("derivative of ")
+        or ": equal " not in origin
+        or f"derivative of {origin}" not in aliased.origins
+    ):
+        return None
+    position = {key: k for k, key in enumerate(aliased.keys)}
+    used = {symbol.element_hash() for symbol in ca.symvar(aliased.residual[equation])}
+    moving = ca.vertsplit(ca.vertcat(aliased.symbols, flat.time, flat.frictions.force))
+    if {s.element_hash() for s in moving} & used != {aliased.symbols[position[key]].element_hash()}:
+        return None
+    at = _settings(aliased, [equation], [key], parameters)
+    classes = dict(flat.components)
+    owners = sorted({name.strip("`").rpartition(".")[0] for name in at})
+    members = [
+        i for i, variable in enumerate(flat.variables) if variable.name.rpartition(".")[0].rpartition(".")[0] in owners
+    ]
+    return (
+        f"{origin} holds only where `{flat.variables[key[0]].name}` stays at 0, at "
+        f"{listed([f'{name} = {value:g}' for name, value in at.items()], ', ')}: "
+        f"{listed([f'`{path}` ({classes[path]})' for path in owners], ', ')} lock each other; remove one of them, or "
+        f"put {domain_of(flat, members).compliance} between them."
+    )
 
 
 def _cause(aliased: AliasedSystem, keys: Sequence[Key], parameters: np.ndarray, *, is_structural: bool) -> str:

@@ -1,5 +1,6 @@
 """What the `equations` of a component yields, and what is wrong with it: one sentence each, with its file and line."""
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -8,6 +9,7 @@ import casadi as ca
 from cartpend_dae.errors import CartpendError, ModelError
 from cartpend_dae.explain import failure_sentence, place_of
 from cartpend_dae.language import Component, Connection, Initial, Statement
+from cartpend_dae.system import FlatSystem
 
 STORE = "store every part in an attribute in `__post_init__`"
 
@@ -161,3 +163,18 @@ def foreign_sentence(what: str, users: Sequence[str]) -> str:
         f"{' and '.join(users) or 'An equation'} uses {what} of a component that is not part of the model: {STORE}, "
         f"under one name."
     )
+
+
+def varying_findings(flat: FlatSystem) -> list[str]:
+    """Return a sentence for each parameter that is set to what changes in time."""
+    moving = ca.vertcat(flat.symbols, flat.derivative_symbols, flat.time)
+    names = [variable.name for variable in flat.variables]
+    names += [f"der({names[i]})" for i, _ in flat.derivatives] + ["time"]
+    used: dict[int, list[str]] = defaultdict(list)
+    for row, column in zip(*ca.jacobian_sparsity(flat.parameter_bindings, moving).get_triplet(), strict=True):
+        used[row].append(f"`{names[column]}`")
+    return [
+        f"`{flat.parameters[row].name}` is set to an expression of {', '.join(sorted(found))}, which changes in time: "
+        f"a parameter may follow from parameters only, so make it a variable, with an equation."
+        for row, found in used.items()
+    ]
