@@ -11,6 +11,7 @@ from fractions import Fraction
 
 import casadi as ca
 
+from cartpend_dae.contradiction import contradiction_sentences
 from cartpend_dae.errors import StructureError
 from cartpend_dae.rows import Row, exact, linear_rows
 from cartpend_dae.system import (
@@ -72,7 +73,10 @@ def alias(flat: FlatSystem) -> AliasedSystem:
     """
     rows = linear_rows(flat)
     chains = _Chains()
-    used, redundant = _merge(flat, rows, chains)
+    used, redundant, contradictions = _merge(flat, rows, chains)
+    if contradictions:
+        others = [i for i in used if flat.origins[i] not in set(redundant)]
+        raise StructureError(contradiction_sentences(flat, others, contradictions))
     relations = tuple(chains.find(i) for i in range(len(flat.variables)))
     keep = [i for i in range(len(flat.origins)) if i not in used]
     return _substitute(flat, relations, keep, tuple(redundant))
@@ -103,8 +107,12 @@ def _is_zero(value: Coefficient) -> bool:
     return value.is_zero() if isinstance(value, ca.SX) else value == 0
 
 
-def _merge(flat: FlatSystem, rows: list[Row], chains: _Chains) -> tuple[set[int], list[str]]:
-    """Join chains row by row until no row with one or two terms is left; return the equations used up."""
+def _merge(flat: FlatSystem, rows: list[Row], chains: _Chains) -> tuple[set[int], list[str], list[tuple[int, float]]]:
+    """Join chains row by row until no row with one or two terms is left.
+
+    Returns the equations used up, those that say nothing new, and those that read number = 0.
+    """
+    contradictions: list[tuple[int, float]] = []
     used: set[int] = set()
     redundant: list[str] = []
     rank, inputs = _ranks(flat), set(flat.inputs)
@@ -120,9 +128,12 @@ def _merge(flat: FlatSystem, rows: list[Row], chains: _Chains) -> tuple[set[int]
             continue
         _reduce(row, chains)
         if not row.terms:
-            _check_constant(flat, row)
-            redundant.append(flat.origins[row.equation])
             used.add(row.equation)
+            value = present_value(flat, row.constant)
+            if abs(value) > 1e-12:
+                contradictions.append((row.equation, value))
+            else:
+                redundant.append(flat.origins[row.equation])
             continue
         joined = _join(row, chains, rank, inputs) if len(row.terms) <= 2 else None
         if joined is None:
@@ -133,7 +144,7 @@ def _merge(flat: FlatSystem, rows: list[Row], chains: _Chains) -> tuple[set[int]
         if base != _CONSTANT:
             waiting[base] |= touched
         queue.extend(touched)
-    return used, redundant
+    return used, redundant, contradictions
 
 
 def _is_long(row: Row, chains: _Chains) -> bool:
@@ -174,16 +185,6 @@ def _reduce(row: Row, chains: _Chains) -> None:
         terms[key] = _add(terms[key], coefficient) if key in terms else coefficient
     row.constant = constant
     row.terms = {key: value for key, value in terms.items() if not _is_zero(value)}
-
-
-def _check_constant(flat: FlatSystem, row: Row) -> None:
-    """Refuse 0 = number; an expression of parameters is judged by their present values."""
-    value = present_value(flat, row.constant)
-    if abs(value) > 1e-12:
-        raise StructureError(
-            f"{flat.origins[row.equation]} contradicts the other equations: after elimination it reads "
-            f"{value:.6g} = 0. Two constraints fix the same quantity at different values; remove one."
-        )
 
 
 def present_value(flat: FlatSystem, value: Coefficient) -> float:
@@ -240,6 +241,9 @@ def _join(row: Row, chains: _Chains, rank: list[tuple[int, int, int]], inputs: s
         order > 0 or _is_differentiated(rank, variable) > _is_differentiated(rank, other)
     ):
         # f = -m der(v) and i = (V - u)/R are laws, not other names: a state must not become a multiple of a flow
+        return None
+    if order > 0 and not isinstance(factor, ca.SX) and factor != 1:
+        # x' = -y is a law too: where y has a nonlinear one, y is the unknown to keep, not x'
         return None
     chains.relations[variable] = Relation(other, order, factor, offset)
     return variable

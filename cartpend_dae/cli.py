@@ -17,6 +17,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from cartpend_dae.assemble import assemble
 from cartpend_dae.demo import make_demo
 from cartpend_dae.errors import CartpendError, StudyError
 from cartpend_dae.report import tables
@@ -29,8 +30,9 @@ from cartpend_dae.report.text import (
     identification_sentence,
     remarks,
 )
-from cartpend_dae.session import Opened, Report, assembled, discover_study, identify_study, open_study
+from cartpend_dae.session import Opened, Report, discover_study, identify_study, open_study
 from cartpend_dae.simulate import simulate as simulate_model
+from cartpend_dae.singular import check_regular
 from cartpend_dae.study import load_model, model_reference
 from cartpend_dae.system import System
 
@@ -116,6 +118,7 @@ def check(
     system, opened = _opened(target)
     console.print(describe_model(system, everything=flat), soft_wrap=True)
     if opened is None:
+        check_regular(system, system.parameter_values)
         return
     console.print()
     console.print(tables.parameter_table(opened))
@@ -231,7 +234,7 @@ def _opened(target: str) -> tuple[System, Opened | None]:
     reference = model_reference(target)
     if reference.path.suffix != ".py":
         raise StudyError(f"{target}: expected a study (FILE.toml) or a model (FILE.py or FILE.py:Class).")
-    return assembled(load_model(reference), reference.path), None
+    return assemble(load_model(reference)), None
 
 
 def _assignments(option: str, texts: list[str] | None) -> dict[str, float]:

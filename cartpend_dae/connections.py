@@ -26,7 +26,7 @@ def join(tables: Gathered, place: int, component: Component | None, connection: 
             if id(end.owner) not in tables.place_of:
                 raise ModelError(
                     f"`connect` in `{where}` names a port `{end.name}` of a {type(end.owner).__name__} "
-                    f"that is no part of the model: store it in an attribute in `__post_init__`."
+                    f"that is no part of the model: store it in an attribute in `__post_init__`, under one name."
                 )
             key = End(tables.place_of[id(end.owner)], end.name, "outside" if end.owner is component else "inside")
             keys.append(key)
@@ -35,7 +35,10 @@ def join(tables: Gathered, place: int, component: Component | None, connection: 
         else:
             index, _ = tables.variable_of.get(end.element_hash(), (None, None)) if end.is_symbolic() else (None, None)
             if index is None or tables.variables[index].kind not in ("input", "output", "variable"):
-                raise ModelError(f"`connect` in `{where}` names `{end}`, which is neither a port nor a signal.")
+                raise ModelError(
+                    f"`connect` in `{where}` names `{end}`, which is neither a port nor a signal: write an equation, "
+                    f"`yield self.x == {end}`, for a variable `x = var(unit=...)`, and connect that."
+                )
             keys.append(index)
             if component is not None and end.element_hash() in {
                 s.element_hash() for s in symbols_of(component).values()
@@ -67,7 +70,7 @@ def _signal_equations(tables: Gathered, forms: dict[Form, list[tuple[int, list[i
         outputs = [i for i in indices if tables.variables[i].kind in ("output", "variable")]
         sources = [i for i in outputs if i not in tables.driven_inside] or outputs[-1:]
         if len(sources) > 1:
-            raise ModelError(_two_sources(tables, sources, indices))
+            tables.findings.append(_two_sources(tables, sources, indices))
         undriven -= set(indices)
         source = sources[0] if sources else indices[0]
         tables.driven_inside.discard(source)

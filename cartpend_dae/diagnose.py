@@ -58,26 +58,36 @@ def singular_sentence(
     over = sorted(aliased.origins[i] for i in many)
     under = sorted((bases[j] for j in loose), key=lambda i: (variables[i].kind != "potential", variables[i].name))
     names = [f"`{variables[base].name}`" for base in under]
-    redundant = _listed(sorted(aliased.redundant), "; ")
     free = _free(aliased, few, [bases[j] for j in loose])
     groups = [free.intersection(group) for group in _groups([(i, bases[j]) for i, j in pairs], under)]
     causes = dict.fromkeys(_cause(aliased, over, group) for group in groups[:MOST_NAMES] if group)
+    details = [f"{_number(shape[0], 'equation')} {'remains' if shape[0] == 1 else 'remain'} for "]
+    details[0] += _number(shape[1], "unknown")
+    if over:
+        details.append(f"No unknown is left for: {listed(over, '; ')}{_counts(over, 'equation', short, 'unknown')}")
+    if names:
+        details.append(f"No equation gives: {listed(names, ', ')}{_counts(under, 'unknown', few, 'equation')}")
+    if aliased.redundant:
+        details.append(f"Equations that say nothing new: {listed(sorted(aliased.redundant), '; ')}")
+    title = "Likely causes" if len(causes) > 1 else "Likely cause"
     return (
-        f"{aliased.flat.name} is structurally singular: {shape[0]} equations remain for {shape[1]} unknowns. "
-        f"No unknown is left for: {_listed(over, '; ')}{_counts(over, 'equations', short, 'unknowns')}. "
-        f"No equation gives: {_listed(names, ', ')}{_counts(under, 'unknowns', few, 'equations')}. "
-        f"Equations that say nothing new: {redundant}. "
-        f"Likely causes: {'; and '.join(causes) or 'an equation too many, to be removed'}."
+        f"{aliased.flat.name} is structurally singular. {title}: "
+        f"{'; and '.join(causes) or 'an equation too many, to be removed'}. In detail: {'. '.join(details)}."
     )
 
 
-def _listed(items: Sequence[str], separator: str) -> str:
+def listed(items: Sequence[str], separator: str) -> str:
+    """Return items in one text, of long lists the first."""
     more = [f"and {len(items) - MOST_NAMES} more"] if len(items) > MOST_NAMES else []
     return separator.join([*items[:MOST_NAMES], *more]) or "none"
 
 
 def _counts(items: Sequence[object], kind: str, others: Sequence[object], other_kind: str) -> str:
-    return f" ({len(items)} {kind}, {len(others)} {other_kind})" if len(items) > 1 else ""
+    return f" ({_number(len(items), kind)}, {_number(len(others), other_kind)})" if len(items) > 1 else ""
+
+
+def _number(n: int, noun: str) -> str:
+    return f"{n} {noun}{'' if n == 1 else 's'}"
 
 
 def _groups(pairs: list[tuple[int, int]], under: list[int]) -> list[list[int]]:
@@ -125,21 +135,28 @@ def _cause(aliased: AliasedSystem, over: list[str], under: set[int]) -> str:
     if sums:
         return _nothing_takes_up(flat, sums, potentials)
     if potentials and (not over or any(": sum of " in origin for origin in aliased.redundant)):
-        return _no_reference(flat, potentials)
+        return no_reference(flat, potentials)
     if flows and not potentials and (over or aliased.redundant):
-        return _given_twice(flat, flows)
-    missing = _listed(sorted(f"`{flat.variables[i].name}`" for i in under), ", ")
-    spare = _listed(over or sorted(aliased.redundant), "; ")
+        return given_twice(flat, flows)
+    missing = listed(sorted(f"`{flat.variables[i].name}`" for i in under), ", ")
+    spare = listed(over or sorted(aliased.redundant), "; ")
     if spare != "none":
-        return f"one thing determined twice, by {spare}; replace one of these by an equation for {missing}"
+        domain = domain_of(flat, flows)
+        of = f", the {domain.flow} of {_owners(flat, flows)}" if flows else ""
+        hint = "; an ideal amplifier among them needs a path from its output back to its input"
+        is_circuit = flows and domain.flow == "current"
+        return (
+            f"one thing determined twice, by {spare}; replace one of these by an equation for {missing}{of}"
+            f"{hint if is_circuit else ''}"
+        )
     return f"a missing equation; add one that determines {missing}"
 
 
 def _nothing_takes_up(flat: FlatSystem, sums: list[str], potentials: list[int]) -> str:
-    domain = _domain(flat, potentials)
+    domain = domain_of(flat, potentials)
     lonely = [f"`{origin.split()[1][:-1]}`" for origin in sums if origin.startswith("unconnected ")]
     if lonely:
-        places = _listed(lonely, ", ")
+        places = listed(lonely, ", ")
         return f"an unconnected port: the {domain.flow} at {places} acts on nothing; connect it to {domain.taker}"
     return (
         f"sources in series: {_owners(flat, potentials)} prescribe the {domain.flow}, which nothing else takes up; "
@@ -147,8 +164,9 @@ def _nothing_takes_up(flat: FlatSystem, sums: list[str], potentials: list[int]) 
     )
 
 
-def _given_twice(flat: FlatSystem, flows: list[int]) -> str:
-    domain, paths, owners = _domain(flat, flows), _owner_paths(flat, flows), _owners(flat, flows)
+def given_twice(flat: FlatSystem, flows: list[int]) -> str:
+    """Return cause and cure where nothing determines these flows."""
+    domain, paths, owners = domain_of(flat, flows), _owner_paths(flat, flows), _owners(flat, flows)
     if len(paths) == 1:
         return (
             f"{'a short circuit' if domain.flow == 'current' else 'a rigid loop'}: {owners} stands where the "
@@ -165,8 +183,9 @@ def _given_twice(flat: FlatSystem, flows: list[int]) -> str:
     )
 
 
-def _no_reference(flat: FlatSystem, potentials: list[int]) -> str:
-    domain = _domain(flat, potentials)
+def no_reference(flat: FlatSystem, potentials: list[int]) -> str:
+    """Return cause and cure where nothing determines the level of these potentials."""
+    domain = domain_of(flat, potentials)
     return (
         f"a missing ground{'' if domain.flow == 'current' else ' or body'}: nothing fixes the {domain.potential} of "
         f"{_owners(flat, potentials)}; connect {domain.reference} to one of their ports"
@@ -181,7 +200,7 @@ def _owner(flat: FlatSystem, member: int) -> str:
     return _parent(_parent(flat.variables[member].name))
 
 
-def _domain(flat: FlatSystem, members: list[int]) -> Domain:
+def domain_of(flat: FlatSystem, members: list[int]) -> Domain:
     """Return the domain of port variables, by the unit of the flow of their ports."""
     ports = {_parent(flat.variables[i].name) for i in members}
     units = {v.declaration.unit for v in flat.variables if v.kind == "flow" and _parent(v.name) in ports}
@@ -197,4 +216,4 @@ def _owner_paths(flat: FlatSystem, members: list[int]) -> list[str]:
 
 def _owners(flat: FlatSystem, members: list[int]) -> str:
     classes = dict(flat.components)
-    return _listed([f"`{path or flat.name}` ({classes[path]})" for path in _owner_paths(flat, members)], ", ")
+    return listed([f"`{path or flat.name}` ({classes[path]})" for path in _owner_paths(flat, members)], ", ")

@@ -39,10 +39,14 @@ def check_dimensions(flat: FlatSystem) -> None:
     ModelError
         With every finding: the equation, the component, both dimensions and the expressions that have them.
     """
-    findings = _wrong_units(flat) or _Walk(flat).findings()
-    if findings:
-        listing = "\n".join(f"  - {finding}" for finding in sorted(findings))
+    if findings := unit_findings(flat):
+        listing = "\n".join(f"  - {finding}" for finding in findings)
         raise ModelError(f"{flat.name} is not consistent in its units:\n{listing}")
+
+
+def unit_findings(flat: FlatSystem) -> list[str]:
+    """Return a sentence for everything that is wrong with units, sorted."""
+    return sorted(_wrong_units(flat) or _Walk(flat).findings())
 
 
 def _wrong_units(flat: FlatSystem) -> list[str]:
@@ -243,7 +247,7 @@ class _Walk:
                 what += f"; `{self.symbols[i].name}` takes `{unit}` from {self._origin(at)}"
         origin = self._origin(k)
         component = self.class_of.get(origin.partition(": ")[0])
-        return f"{origin}{f' ({component})' if component else ''}: {what}"
+        return f"{origin}{f' ({component})' if component else ''}: {what}."
 
     def _named(self, k: int) -> tuple[ca.SX, list[int]]:
         """Return the expression that instruction k computes, in full names, and the indices of its symbols."""

@@ -11,17 +11,16 @@ from cartpend_dae.balance import check_balance
 from cartpend_dae.collector import Collector, collecting
 from cartpend_dae.connections import connect_all, join
 from cartpend_dae.errors import ModelError
-from cartpend_dae.freeze import freeze, residual_of
+from cartpend_dae.explain import listed_findings
+from cartpend_dae.freeze import freeze
 from cartpend_dae.gathered import Gathered, Layout, Place, layout_of
 from cartpend_dae.language import (
     Component,
-    Connection,
-    Initial,
-    Statement,
     attached_to,
     parts_of,
 )
 from cartpend_dae.quantities import is_number, state_of
+from cartpend_dae.statements import stated_by
 from cartpend_dae.system import FlatSystem, Parameter, Variable
 from cartpend_dae.templates import Key, Template, make_template, template_key
 
@@ -52,12 +51,14 @@ def flatten(model: Component) -> FlatSystem:
     for place in tables.places:
         _declare_parameters(tables, place)
     _find_symbols(tables)
-    for number, component, connection in tables.connections:
-        join(tables, number, component, connection)
+    _join_all(tables)
     inputs = connect_all(tables)
     name = type(model).__name__
-    check_balance(tables, inputs, name)
-    return freeze(tables, collector, templates, inputs, name)
+    if tables.findings:
+        raise ModelError(listed_findings(name, tables.findings))
+    flat = freeze(tables, collector, templates, inputs, name)
+    check_balance(tables, flat)
+    return flat
 
 
 def _walk(component: Component, path: str) -> Iterator[tuple[str, Component]]:
@@ -67,12 +68,12 @@ def _walk(component: Component, path: str) -> Iterator[tuple[str, Component]]:
 
 
 def _declare(tables: Gathered, layouts: dict[type, Layout], path: str, component: Component) -> None:
-    if id(component) in tables.place_of:
-        raise ModelError(
-            f"The same {type(component).__name__} stands in the model twice, as "
-            f"`{tables.places[tables.place_of[id(component)]].path}` and as `{path}`; make two."
-        )
     cls = type(component)
+    if id(component) in tables.place_of:
+        first = tables.places[tables.place_of[id(component)]].path
+        if not first or path.startswith((f"{first}.", f"{first}[")):
+            raise ModelError(f"`{first or cls.__name__}` contains itself, as `{path}`; leave that part out.")
+        raise ModelError(f"The same {cls.__name__} stands in the model twice, as `{first}` and as `{path}`; make two.")
     layout = layouts.get(cls)
     if layout is None:
         layout = layouts[cls] = layout_of(cls)
@@ -91,7 +92,7 @@ def _declare_parameters(tables: Gathered, place: Place) -> None:
         bound = state.bindings[name]
         value = float(bound) if is_number(bound) else float(ca.DM(bound)) if ca.SX(bound).is_constant() else None
         if name in state.built_as_zero and value != 0:
-            raise ModelError(
+            tables.findings.append(
                 f"`{prefix}{name}` was 0 when `{place.name}` was made, so that the part it belongs "
                 f"to does not exist; set it in the constructor."
             )
@@ -126,7 +127,7 @@ def _collect_all(tables: Gathered, collector: Collector) -> list[Template]:
                 _enrol(tables, template, place)
                 continue
             n_notes = (len(collector.frictions), len(tables.initials), len(tables.connections))
-            residuals = list(_collect(tables, collector, number))
+            residuals = _collect(tables, collector, number)
             is_pure = n_notes == (len(collector.frictions), len(tables.initials), len(tables.connections))
             if key is not None and key not in templates:
                 template = templates[key] = make_template(place, residuals, collector) if is_pure else None
@@ -151,28 +152,23 @@ def _origins(place: Place) -> list[str]:
     return [f"{name}: equation {k}" for k in range(1, place.n_equations + 1)]
 
 
-def _collect(tables: Gathered, collector: Collector, number: int) -> Iterator[ca.SX]:
-    """Yield the residuals of a component's equations; note its connections, starts and frictions."""
+def _collect(tables: Gathered, collector: Collector, number: int) -> list[ca.SX]:
+    """Return the residuals of a component's equations; note its connections, starts, frictions and mistakes."""
     place = tables.places[number]
-    component, where = place.component, place.name
-    n_frictions, n_equations = len(collector.frictions), 0
-    for count, statement in enumerate(_statements(component, where), start=1):
-        if isinstance(statement, Connection):
-            tables.connections.append((number, component, statement))
-        elif isinstance(statement, Initial):
-            tables.initials.append((f"{where}: initial equation {count}", statement))
-        else:
-            n_equations += 1
-            yield residual_of(statement, f"{where}: equation {n_equations}")
-    for _, connections in attached_to(component).values():
+    n_frictions = len(collector.frictions)
+    stated = stated_by(place.component, place.name)
+    tables.initials += stated.initials
+    tables.findings += stated.findings
+    tables.connections += [(number, place.component, connection) for connection in stated.connections]
+    for _, connections in attached_to(place.component).values():
         tables.connections += [(number, None, connection) for connection in connections]
-    tables.frictions += [(where, i) for i in range(n_frictions, len(collector.frictions))]
+    tables.frictions += [(place.name, i) for i in range(n_frictions, len(collector.frictions))]
+    return stated.residuals
 
 
-def _statements(component: Component, where: str) -> Iterator[Statement]:
-    statements = component.equations()
-    if statements is None:
-        raise ModelError(
-            f"`equations` of `{where}` ({type(component).__name__}) returns nothing: `yield` each equation."
-        )
-    yield from statements
+def _join_all(tables: Gathered) -> None:
+    for number, component, connection in tables.connections:
+        try:
+            join(tables, number, component, connection)
+        except ModelError as error:
+            tables.findings.append(str(error))

@@ -8,11 +8,14 @@ import numpy as np
 from cartpend_dae.collector import Collector
 from cartpend_dae.connections import end_name
 from cartpend_dae.errors import ModelError
+from cartpend_dae.explain import listed_findings
 from cartpend_dae.gathered import Gathered
 from cartpend_dae.quantities import is_number
+from cartpend_dae.statements import foreign_sentence, residual_of, users_of, varying_findings
 from cartpend_dae.system import FlatSystem, Frictions, Group, Initials
 from cartpend_dae.templates import Template
 
+Pair = tuple[ca.SX, ca.SX]  # a symbol and its derivative
 Known = dict[tuple[int, int], int]  # (variable, order) -> position among the derivatives
 
 
@@ -28,7 +31,7 @@ def freeze(
     """
     symbols = _vector("v", len(tables.variables), tables.variable_of.values())
     parameters = _vector("p", len(tables.parameters), tables.parameter_of.values())
-    known, used, zero = _derivatives(tables, collector)
+    known, used, zero, unknown = _derivatives(tables, collector)
     groups = [*(_instances(template, known) for template in templates), *tables.groups]
     derivatives = _vector("d", len(known), used)
     residual = _residuals(groups, (symbols, derivatives, parameters, collector.time), len(tables.origins))
@@ -60,25 +63,8 @@ def freeze(
         initials=Initials(initials, tuple(i.fixed for _, i in tables.initials), tuple(o for o, _ in tables.initials)),
         connections=tuple(tuple(end_name(tables, end) for end in members) for members in tables.sets.sets()),  # type: ignore[arg-type]
     )
-    _check_symbols(tables, flat, ca.vertcat(*parts, bindings), used)
+    _check_symbols(tables, flat, used, unknown)
     return flat
-
-
-def residual_of(statement: object, origin: str) -> ca.SX:
-    """Return left minus right side of an equation.
-
-    Raises
-    ------
-    ModelError
-        For a statement that is no equation, or that holds always or never.
-    """
-    if isinstance(statement, bool) or (isinstance(statement, ca.SX) and statement.is_constant()):
-        always = bool(statement) if isinstance(statement, bool) else bool(float(statement))
-        what = "holds always and determines nothing" if always else "can never hold"
-        raise ModelError(f"{origin} {what}: both its sides are the same kind of constant. Remove or correct it.")
-    if not isinstance(statement, ca.SX) or not statement.is_scalar() or statement.op() != ca.OP_EQ:
-        raise ModelError(f"{origin} is `{statement}`, which is not an equation: write `left == right`.")
-    return statement.dep(0) - statement.dep(1)
 
 
 def _stack(items: list[ca.SX]) -> ca.SX:
@@ -94,8 +80,11 @@ def _vector(name: str, n: int, used: Iterable[tuple[int, ca.SX]]) -> ca.SX:
     return vector
 
 
-def _derivatives(tables: Gathered, collector: Collector) -> tuple[Known, list[tuple[int, ca.SX]], list[ca.SX]]:
-    """Return positions and symbols of the derivatives that were written, and those of parameters, which are zero."""
+def _derivatives(
+    tables: Gathered, collector: Collector
+) -> tuple[Known, list[tuple[int, ca.SX]], list[ca.SX], list[Pair]]:
+    """Return the derivatives that were written: positions and symbols, those of parameters (zero), and foreign ones."""
+    foreign: list[Pair] = []
     known: Known = {}
     of: dict[int, tuple[int, int] | None] = dict.fromkeys(tables.parameter_of)
     used: list[tuple[int, ca.SX]] = []
@@ -107,13 +96,14 @@ def _derivatives(tables: Gathered, collector: Collector) -> tuple[Known, list[tu
             lower = of[key]
             found = None if lower is None else (lower[0], lower[1] + 1)
         else:
-            raise ModelError(f"`der({symbol})` names a quantity of a component that is not part of the model.")
+            foreign.append((symbol, derivative))
+            continue
         of[derivative.element_hash()] = found
         if found is None:
             zero.append(derivative)
         else:
             used.append((known.setdefault(found, len(known)), derivative))
-    return known, used, zero
+    return known, used, zero, foreign
 
 
 def _instances(template: Template, known: Known) -> Group:
@@ -177,20 +167,30 @@ def _frictions(tables: Gathered, collector: Collector) -> Frictions:
     )
 
 
-def _check_symbols(tables: Gathered, flat: FlatSystem, expressions: ca.SX, used: list[tuple[int, ca.SX]]) -> None:
-    """Refuse symbols of components outside the model; equations of a template hold none."""
+def _check_symbols(tables: Gathered, flat: FlatSystem, used: list[tuple[int, ca.SX]], unknown: list[Pair]) -> None:
+    """Refuse symbols of components outside the model, and parameters that are set to what changes in time."""
     known = {symbol.element_hash() for _, symbol in used} | {flat.time.element_hash()}
     known |= {force.element_hash() for force in ca.vertsplit(flat.frictions.force)}
-    foreign = [
-        symbol
-        for symbol in ca.symvar(expressions)
+    f = flat.frictions
+    frictions = ca.vertcat(f.speed, f.level_pos, f.level_neg)
+    loose = flat.residual[tables.loose_rows]  # the equations of a template hold no foreign symbols
+    parts = ca.vertcat(loose, flat.initials.residual, flat.parameter_bindings, frictions)
+    origins = [flat.origins[i] for i in tables.loose_rows] + list(flat.initials.origins)
+    origins += [f"what `{parameter.name}` is set to" for parameter in flat.parameters]
+    origins += [f"{place}: dry friction" for place in f.places] * 3
+    found = [
+        (f"`{symbol}`", symbol)
+        for symbol in ca.symvar(parts)
         if (key := symbol.element_hash()) not in tables.variable_of
         and key not in tables.parameter_of
         and key not in known
     ]
-    if foreign:
-        listing = ", ".join(f"`{symbol}`" for symbol in foreign)
-        raise ModelError(
-            f"{flat.name} uses {listing} of a component that is not part of the model: "
-            f"store every part in an attribute in `__post_init__`."
-        )
+    found = [(f"`der({symbol})`", derivative) for symbol, derivative in unknown] + [
+        item for item in found if all(item[1].element_hash() != d.element_hash() for _, d in unknown)
+    ]
+    if found:
+        users = users_of(ca.vertcat(*[symbol for _, symbol in found]), parts, origins)
+        tables.findings += [foreign_sentence(what, of) for (what, _), of in zip(found, users, strict=True)]
+    tables.findings += varying_findings(flat)
+    if tables.findings:
+        raise ModelError(listed_findings(flat.name, tables.findings))

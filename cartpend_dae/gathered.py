@@ -74,6 +74,11 @@ class Place:
         """The dotted name, for the whole model its class."""
         return self.path or type(self.component).__name__
 
+    @property
+    def type_name(self) -> str:
+        """The name of the class."""
+        return type(self.component).__name__
+
     def port_quantity(self, port: str, quantity: str) -> int:
         """Return the index of a quantity of a port among all variables."""
         kind, first = self.layout.ports[port]
@@ -111,3 +116,4 @@ class Gathered:
     signal_sets: DisjointSets = field(default_factory=DisjointSets)
     driven_inside: set[int] = field(default_factory=set)
     inner_ports: set[End] = field(default_factory=set)
+    findings: list[str] = field(default_factory=list)

@@ -14,12 +14,13 @@ Between symbols ``==`` makes an equation. Nothing here knows how equations are s
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar, dataclass_transform
+from typing import TYPE_CHECKING, Any, Literal, Never, TypeVar, dataclass_transform
 
 import casadi as ca
 
 from cartpend_dae.collector import DryFriction, collector_of
-from cartpend_dae.errors import ModelError
+from cartpend_dae.errors import CartpendError, ModelError
+from cartpend_dae.explain import OF_PARTS, argument_sentence, failure_sentence, known_cause, nearest, position_sentence
 from cartpend_dae.quantities import (
     Declaration,
     Expression,
@@ -28,6 +29,7 @@ from cartpend_dae.quantities import (
     Param,
     Port,
     PortField,
+    Quantity,
     Signal,
     Var,
     declared,
@@ -194,20 +196,37 @@ def connect(*ends: Port | ca.SX) -> Connection:
         if not isinstance(end, Port | ca.SX):
             raise ModelError(
                 f"`connect` names {_end_name(end)}, which is neither a port nor a signal: "
-                f"write `connect(part.port, other.port)`."
+                f"write `connect(part.port, other.port)`, with parts that were made."
             )
     if len(ends) < 2:
         raise ModelError("`connect` joins at least two ports or signals.")
+    for i, end in enumerate(ends):
+        if any(_is_same(end, other) for other in ends[:i]):
+            raise ModelError(f"`connect` joins {_end_name(end)} to itself: name two ports or signals.")
     kinds = {type(end) for end in ends}
     if len(kinds) > 1:
         names = " and ".join(sorted(_end_name(end) for end in ends))
-        raise ModelError(f"`connect` joins ports of one class: {names} do not fit together.")
+        cure = (
+            "put a part between them that has a port of each class"
+            if ca.SX not in kinds
+            else "join ports to ports and signals to signals"
+        )
+        raise ModelError(f"`connect` joins ports of one class: {names} do not fit together; {cure}.")
     return Connection(ends)
 
 
+def _is_same(end: Port | ca.SX, other: Port | ca.SX) -> bool:
+    if isinstance(end, ca.SX) and isinstance(other, ca.SX):
+        return end.is_scalar() and other.is_scalar() and end.element_hash() == other.element_hash()
+    return end is other
+
+
 def _end_name(end: object) -> str:
+    if isinstance(end, PortField | Quantity):
+        return f"the declaration of `{end.name}` in a class"
     if isinstance(end, Port):
-        return f"`{type(end.owner).__name__}.{end.name}` ({type(end).__name__})"
+        domain = type(end).__module__.rpartition(".")[2]
+        return f"`{type(end.owner).__name__}.{end.name}` ({domain}.{type(end).__name__})"
     if isinstance(end, Component):
         return f"a component {type(end).__name__}"
     return f"`{end}` (signal)" if isinstance(end, ca.SX) else repr(end)
@@ -240,20 +259,27 @@ class Component:
         If a parameter is missing, unknown, or not a number or an expression.
     """
 
-    def __init__(self, **arguments: object) -> None:
+    def __init__(self, *values: object, **arguments: object) -> None:
         cls = type(self)
         fields = constructor_fields(cls)
+        if values:
+            raise TypeError(position_sentence(cls.__name__, values, list(fields)))
         unknown = sorted(set(arguments) - set(fields))
         missing = sorted(name for name, has_default in fields.items() if not has_default and name not in arguments)
         if unknown or missing:
-            raise TypeError(_argument_sentence(cls, unknown, missing, list(fields)))
+            raise TypeError(argument_sentence(cls.__name__, unknown, missing, list(fields)))
         declared = parameters_of(cls)
         for name, value in arguments.items():
             setattr(self, name, value)
         for name, declaration in declared.items():
             if name not in arguments:
                 setattr(self, name, declaration.declaration.default)
-        self.__post_init__()
+        try:
+            self.__post_init__()
+        except (RuntimeError, TypeError, NotImplementedError) as error:
+            if isinstance(error, CartpendError) or known_cause(error) is None:
+                raise
+            raise ModelError(failure_sentence(f"`__post_init__` of {cls.__name__}", error, OF_PARTS)) from error
 
     def __post_init__(self) -> None:
         """Make the parts of the model; the parameters are set already."""
@@ -261,6 +287,12 @@ class Component:
     def equations(self) -> Statements:
         """Yield equations, connections and initial equations."""
         yield from ()
+
+    if not TYPE_CHECKING:  # else a checker would take every name for one that exists
+
+        def __getattr__(self, name: str) -> Never:
+            """Refuse a name that does not exist, with the nearest ones that do."""
+            raise AttributeError(f"{type(self).__name__} has no `{name}`{nearest(name, _names_of(self))}")
 
     def is_zero(self, name: str) -> bool:
         """True if the parameter was set to the number 0, so that the part need not exist.
@@ -286,14 +318,9 @@ class Component:
         return part
 
 
-def _argument_sentence(cls: type, unknown: list[str], missing: list[str], known: list[str]) -> str:
-    parts = []
-    if unknown:
-        parts.append("has no parameter " + ", ".join(f"`{name}`" for name in unknown))
-    if missing:
-        parts.append("needs a value for " + ", ".join(f"`{name}`" for name in missing))
-    listing = ", ".join(f"`{name}`" for name in known) or "none"
-    return f"{cls.__name__} {' and '.join(parts)}; its parameters are: {listing}."
+def _names_of(component: Component) -> list[str]:
+    cls = type(component)
+    return [*parts_of(component), *ports_of(cls), *variables_of(cls), *parameters_of(cls)]
 
 
 def constructor_fields(cls: type) -> dict[str, bool]:

@@ -13,6 +13,7 @@ from cartpend_dae.errors import ModelError
 from cartpend_dae.initialize import initialize
 from cartpend_dae.language import Component
 from cartpend_dae.programme import Programme, programme
+from cartpend_dae.singular import check_regular
 from cartpend_dae.system import System
 from cartpend_dae.transcribe import SEGMENT, Free, Layout, Passes, RunStart, interval_inputs, passes
 
@@ -115,6 +116,7 @@ def make_problem(
         for name in system.inputs:
             if name not in experiment.inputs and system.variables[system.index_of(name)].declaration.default is None:
                 raise ModelError(f"Run `{experiment.name}` gives no input `{name}`: name its column under `inputs`.")
+    check_regular(system, parameter_vector(system, {item.name: item.guess for item in free}))
     return Problem(system, free, experiments, outputs, step)
 
 

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.errors import ModelError
+from cartpend_dae.explain import nearest
 
 if TYPE_CHECKING:
     from cartpend_dae.language import Component, Connection
@@ -191,6 +192,12 @@ class Port:
                 f"Port {cls.__name__} has {len(potentials)} `var` ({', '.join(potentials) or 'none'}) and "
                 f"{len(flows)} `flow` ({', '.join(flows) or 'none'}): declare as many of one as of the other."
             )
+
+    if not TYPE_CHECKING:  # else a checker would take every name for one that exists
+
+        def __getattr__(self, name: str) -> Never:
+            """Refuse a name that does not exist, with the nearest ones that do."""
+            raise AttributeError(f"Port {type(self).__name__} has no `{name}`{nearest(name, list(self.quantities))}")
 
     @classmethod
     def _make(cls, owner: "Component", name: str) -> Self:

@@ -4,7 +4,6 @@
 `identify_study` and `discover_study` are what the commands of the same names do.
 """
 
-import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -23,7 +22,7 @@ from cartpend_dae.discover.regime import best_bandwidth
 from cartpend_dae.discover.search import STAGES
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, catalogue, places
-from cartpend_dae.errors import CartpendError, ModelError, SolverError, StudyError
+from cartpend_dae.errors import ModelError, SolverError, StudyError
 from cartpend_dae.identify import Fit
 from cartpend_dae.language import Component
 from cartpend_dae.problem import make_problem
@@ -72,11 +71,11 @@ def open_study(path: Path | str, *, needs_runs: bool = True) -> Opened:
     if needs_runs and not study.experiments:
         raise StudyError(f"{study.path}: the study has no [[experiment]], so there is nothing to fit; add a run.")
     model = load_model(study.model)
-    system = assembled(model, study.model.path)
+    system = assemble(model)
     free, fixed, findings = _parameters(study, system)
     if fixed:
         set_values(model, fixed)
-        system = assembled(model, study.model.path)
+        system = assemble(model)
     runs, wrong = _runs(study, system)
     findings += wrong
     cards, wrong = _cards(study)
@@ -152,29 +151,6 @@ def discover_study(study: Opened | Path | str, *, report: Report | None = None) 
         regime=opened.regime,
         report=report or _silent,
     )
-
-
-def assembled(model: Component, path: Path) -> System:
-    """Assemble a model that the user wrote in the file `path`; an error of its Python code is a sentence.
-
-    Raises
-    ------
-    StudyError
-        If the equations of the model fail as Python code, with the line of the file.
-    """
-    try:
-        return assemble(model)
-    except CartpendError:
-        raise
-    except Exception as error:
-        frames = traceback.extract_tb(error.__traceback__)
-        lines = [frame.lineno for frame in frames if frame.filename == str(path)]
-        if not lines:
-            raise
-        raise StudyError(
-            f"{path}: line {lines[-1]}: the equations of `{type(model).__name__}` fail: "
-            f"{type(error).__name__}: {str(error).rstrip('.')}."
-        ) from error
 
 
 def _silent(stage: str, label: str, error: float) -> None:

@@ -28,6 +28,7 @@ from cartpend_dae.inputs import (
 )
 from cartpend_dae.language import Component
 from cartpend_dae.quantities import is_number
+from cartpend_dae.singular import check_regular
 from cartpend_dae.stepping import runge_kutta
 from cartpend_dae.system import System
 
@@ -95,6 +96,7 @@ def simulate(
     grid = _grid(stop, times, points, step if method == "rk4" else None)
     p = parameter_vector(system, _named("parameters", parameters))
     check_bounds(system, p)
+    check_regular(system, p)
     every = checked_inputs(system, _named("inputs", inputs))
     fine = with_knots(grid, every)
     driven = driven_inputs(every, fine)

@@ -5,6 +5,7 @@ their unknowns are solved here, symbolically; the others remain as algebraic equ
 """
 
 from collections import defaultdict
+from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
@@ -15,6 +16,7 @@ from cartpend_dae.explicit import solve_explicit
 from cartpend_dae.graph import blocks, matching
 from cartpend_dae.linear import solve_linear
 from cartpend_dae.rows import nonzeros
+from cartpend_dae.singular import Key, dependence_sentence
 from cartpend_dae.system import (
     AliasedSystem,
     Block,
@@ -51,7 +53,7 @@ def sort(indexed: IndexedSystem) -> System:
     state_keys = indexed.states
     unknowns = _stack([table[key] for key in indexed.unknowns])
     labels = [names[key] for key in indexed.unknowns]
-    solved, made, nonlinear = _solve_blocks(aliased, unknowns, labels)
+    solved, made, nonlinear = _solve_blocks(aliased, indexed.unknowns, unknowns, labels)
     ode = [table[base, lower + 1] for base, lower in state_keys]
     outputs = relation_values([(relation, 0) for relation in aliased.relations], aliased.keys, aliased.symbols)
     friction = aliased.frictions
@@ -135,7 +137,7 @@ def _names(aliased: AliasedSystem) -> dict[tuple[int, int], str]:
 
 
 def _solve_blocks(
-    aliased: AliasedSystem, unknowns: ca.SX, labels: list[str]
+    aliased: AliasedSystem, unknown_keys: Sequence[Key], unknowns: ca.SX, labels: list[str]
 ) -> tuple[tuple[ca.SX, ca.SX], tuple[Block, ...], list[tuple[int, int]]]:
     """Solve block by block; return unknowns and values in order, the blocks, and (equation, unknown) left over."""
     jacobian = ca.jacobian(aliased.residual, unknowns)
@@ -163,7 +165,12 @@ def _solve_blocks(
             explicit.append((equations[0], own[0]))
             continue
         constant = ca.substitute(aliased.residual[equations], unknowns[own], ca.SX.zeros(len(own)))
-        solutions.append(solve_linear(jacobian[equations, own], -constant, names))
+        try:
+            solutions.append(solve_linear(jacobian[equations, own], -constant, names))
+        except StructureError as error:
+            keys = [unknown_keys[j] for j in own]
+            sentence = dependence_sentence(aliased, equations, keys, dict(zip(keys, names, strict=True)))
+            raise StructureError(sentence) from error
     solutions.insert(0, solve_explicit(aliased.residual, unknowns, jacobian, explicit))
     solved = [j for _, j in explicit] + [j for own in sequence if len(own) > 1 for j in own]
     place = {j: k for k, j in enumerate(solved)}

@@ -253,6 +253,22 @@ class System:
         return describe(self)
 
 
+def parameters_of_all(flat: FlatSystem, values: np.ndarray | None = None) -> np.ndarray:
+    """Return the values of all parameters, those included that follow from others, shape (n_parameters,)."""
+    independent = [i for i, q in enumerate(flat.parameters) if q.value is not None]
+    found = np.zeros(len(flat.parameters))
+    found[independent] = [flat.parameters[i].value for i in independent] if values is None else values
+    dependent = [i for i, q in enumerate(flat.parameters) if q.value is None]
+    if dependent:
+        bind = ca.Function("bindings", [flat.parameter_symbols], [flat.parameter_bindings[dependent]])
+        for _ in range(50):  # each round reaches one level deeper into the tree of components
+            new = np.asarray(bind(found)).ravel()
+            if np.array_equal(new, found[dependent], equal_nan=True):
+                break
+            found[dependent] = new
+    return found
+
+
 def unknown_name(kind: str, name: str, known: list[str], where: str) -> str:
     """Return the sentence for a name that does not exist, with the nearest ones that do."""
     near = get_close_matches(name, known, n=3, cutoff=0.5)

@@ -3,11 +3,13 @@
 import re
 
 import pytest
-from broken_models import arguments, balance, circuits, connections, mechanics, statements
+from broken_models import arguments, authors, balance, circuits, connections, mechanics, statements
 from broken_models.case import Broken, cases_of
 
 CASES = [
-    case for module in (arguments, balance, circuits, connections, mechanics, statements) for case in cases_of(module)
+    case
+    for module in (arguments, authors, balance, circuits, connections, mechanics, statements)
+    for case in cases_of(module)
 ]
 ENDS = (".", "?")
 """A full stop, or the question mark of "did you mean ...?"."""
@@ -41,4 +43,4 @@ def test_the_message_ends_like_a_sentence(case):
 
 
 def test_the_corpus_is_large_enough_and_each_case_has_a_name_of_its_own():
-    assert len({case.name for case in CASES}) == len(CASES) >= 40
+    assert len({case.name for case in CASES}) == len(CASES) >= 140

@@ -258,7 +258,7 @@ WRONG_STUDIES = {
     ),
     "name error in the equations": (
         change("self.ground.flange, self", "self.floor.flange, self", "rota_damp.py"),
-        "line 19: the equations of `RotaDamp` fail",
+        "rota_damp.py:19, `yield connect(self.floor.flange, self",
     ),
     "equation too many": (
         change("yield initial(self.bearing.w == 0)", "yield self.bearing.w == 0", "rota_damp.py"),

@@ -94,7 +94,7 @@ def test_the_published_reflection_without_squares_is_refused():
 
     mass, damping = findings(Rig())
     assert mass.startswith("cart: equation 1 (Reflected): ")
-    assert "`cart.m_c` is in `kg`, but" in mass and mass.endswith("in `kg.m`")
+    assert "`cart.m_c` is in `kg`, but" in mass and mass.endswith("in `kg.m`.")
     assert "cart.I_1" in mass and "cart.r_1" in mass
     assert damping.startswith("cart: equation 2 (Reflected): ")
     assert "in `kg.m/s`, but `cart.b` in `N.s/m`" in damping
@@ -114,7 +114,7 @@ def test_the_slip_is_refused_where_a_parameter_is_set():
             self.wheel = Inertia(J=self.mass.m * self.r_1**2)
 
     finding = only_finding(Rig())
-    assert finding == "what `mass.m` is set to: `mass.m` is in `kg`, but `(I_s/r_1)` in `kg.m`"
+    assert finding == "what `mass.m` is set to: `mass.m` is in `kg`, but `(I_s/r_1)` in `kg.m`."
 
 
 # Rules
@@ -222,7 +222,7 @@ def test_initial_equations_are_checked():
             yield initial(self.mass.s == 0.1)
             yield initial(self.mass.v == self.mass.s)
 
-    assert only_finding(Started()) == ("Started: initial equation 2: `mass.v` is in `m/s`, but `mass.s` in `m`")
+    assert only_finding(Started()) == ("Started: initial equation 2: `mass.v` is in `m/s`, but `mass.s` in `m`.")
 
 
 @pytest.mark.parametrize(
@@ -354,7 +354,7 @@ def test_a_number_outside_of_blocks_is_a_number():
         def __post_init__(self):
             self.ground, self.mass = Fixed(s0=self.duty), Mass(m=1.0)
 
-    assert only_finding(Duty()) == "what `ground.s0` is set to: `ground.s0` is in `m`, but `duty` in `1`"
+    assert only_finding(Duty()) == "what `ground.s0` is set to: `ground.s0` is in `m`, but `duty` in `1`."
 
 
 def test_the_unit_any_takes_what_it_meets():

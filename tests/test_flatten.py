@@ -335,7 +335,7 @@ def test_a_part_that_no_attribute_holds_is_named():
 
 def test_a_symbol_of_a_foreign_component_is_named():
     lost = Mass(m=1.0)
-    with pytest.raises(ModelError, match="Simple uses `a` of a component that is not part of the model"):
+    with pytest.raises(ModelError, match="Simple: equation 1 uses `a` of a component that is not part of the model"):
         assemble(simple(lambda self: iter([self.x == lost.a]), "x"))
 
 

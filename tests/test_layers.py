@@ -13,17 +13,18 @@ MAX_LINES = 400
 
 LAYERS = """
     errors units graph explicit
-    quantities collector linear
+    explain linear
+    quantities collector
     language
     library
     system
-    gathered dimension_rules
-    templates connections balance
-    freeze
+    gathered dimension_rules statements
+    templates connections dimensions
+    freeze balance
     flatten
-    dimensions rows
+    rows diagnose
+    singular contradiction
     alias
-    diagnose
     index
     sort merge
     assemble

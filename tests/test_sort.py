@@ -202,7 +202,7 @@ def test_a_nonlinear_algebraic_variable_is_kept_and_integrated(method):
 
     system = assemble(scalars(equations, "x", "y"))
     assert len(system.states) == len(system.algebraics) == 1
-    assert system.blocks[-1].how == "nonlinear"
+    assert [block.how for block in system.blocks] == ["nonlinear", "explicit"]
     result = simulate(system, 3.0, points=13, method=method, rtol=1e-9)
     y = result["y"]
     # rtol 1e-9 over a few hundred steps of idas, which controls the local error only.
@@ -239,7 +239,6 @@ def test_explicit_methods_refuse_algebraic_variables_by_name(method):
         simulate(scalars(equations, "x", "y"), 1.0, method=method, step=0.1)
 
 
-@pytest.mark.xfail(strict=True, reason="blocks match der(x) with the law of y, and y with the equation of der(x)")
 def test_the_variable_of_the_nonlinear_equation_is_the_algebraic_one():
     def equations(self):
         yield der(self.x) == -self.y
@@ -258,7 +257,7 @@ def time_cubed(t):
 def test_a_circuit_without_ground_is_singular_and_the_cause_is_guessed():
     source, r = ConstantVoltage(V=5.0), Resistor(R=100.0)
     model = joined((source.pin_p, r.pin_p), (source.pin_n, r.pin_n), source=source, r=r)
-    with pytest.raises(StructureError, match=r"structurally singular: .* Likely causes: a missing ground") as caught:
+    with pytest.raises(StructureError, match=r"structurally singular\. Likely cause: a missing ground") as caught:
         assemble(model)
     assert re.search(r"No equation gives: `(source|r)\.pin_[pn]\.v`", str(caught.value))
 
@@ -276,19 +275,19 @@ def test_equations_that_are_not_independent_name_their_unknowns():
         yield 2 * self.a == 2 * self.b + 2 * self.c
 
     with pytest.raises(
-        StructureError, match=r"The linear equations for `[abc]` are singular: they are not independent"
+        StructureError,
+        match=r"The linear equations for `b`, `c` are singular: they are not independent: .*2; .*3\. Replace one",
     ):
         assemble(scalars(equations, "a", "b", "c"))
 
 
-@pytest.mark.xfail(strict=True, reason="a linear loop singular at the parameters' values gives numbers all the same")
 def test_equations_that_are_not_independent_at_the_values_of_parameters_are_refused():
     def equations(self):
         yield self.a + self.b + self.c == 2
         yield self.a - self.b == self.c
         yield 2 * self.a == 2 * self.b + self.k * self.c
 
-    with pytest.raises((StructureError, SolverError), match="`c`"):
+    with pytest.raises(StructureError, match=r"`b`, `c` are singular: .* at `k` = 2: .*Change `k`, or replace one"):
         simulate(scalars(equations, "a", "b", "c", k=2.0), 1.0)
 
 

@@ -66,7 +66,7 @@ def parameter_as_list():
     return Mass(m=[1.0, 2.0])  # type: ignore[arg-type]
 
 
-@broken(TypeError, r"Mass.*`m=`|arguments by name", "the error is Python's own and names no cure")
+@broken(TypeError, r"Mass takes its arguments by name, not by position: write `Mass\(m=1\.0\)`")
 def parameter_without_name():
     return Mass(1.0)  # type: ignore[misc]
 
@@ -117,7 +117,7 @@ def ambiguous_unit():
     return check_dimensions(flatten(Brake()))
 
 
-@broken(ModelError, r"speedometer: equation 1.*`m/s`.*`m`", open_end="the last line of the listing has no full stop")
+@broken(ModelError, r"speedometer: equation 1.*`m/s`.*`m`\.$")
 def speed_equal_to_a_length():
     class Speedometer(Component):
         s = var(unit="m")
@@ -219,7 +219,10 @@ def parameter_that_follows_from_others():
     return simulate(Train(), 1.0, parameters={"gear.ratio": 3.0})
 
 
-@broken((StructureError), r"`gain\.y`.* not independent.*`gain\.k`", "no error: 0/0 is shown as 0")
+@broken(
+    StructureError,
+    r"gain\.u, gain\.y does not determine `gain\.u`, whose factor .* zero at `gain\.k` = 1\. Change `gain\.k`, or",
+)
 def gain_that_feeds_itself():
     gain = Gain(k=2.0)
     return simulate(joined((gain.y, gain.u), gain=gain), 1.0, parameters={"gain.k": 1.0})

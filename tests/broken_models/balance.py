@@ -65,21 +65,22 @@ def beside_a_wall(**parts):
 
 
 @broken(
-    ModelError, r"`spring` \(Cubic\) gives 1 equations and needs 4 .*: 3 too few; is `yield from super\(\)\.equations"
+    ModelError, r"`spring` \(Cubic\) gives 1 equation and needs 4 .*: 3 too few; is `yield from super\(\)\.equations"
 )
 def forgotten_super():
     return beside_a_wall(spring=Cubic(c=2.0))
 
 
-@broken(ModelError, r"`c` \(Capacitor\) gives 3 equations and needs 4 .*: 1 too few")
+@broken(
+    ModelError, r"`c` \(Capacitor\) gives 3 equations and needs 4 .*: 1 too few: none of them uses `C`; add the law"
+)
 def law_forgotten():
     return assemble(joined(c=Capacitor(C=1.0)))
 
 
 @broken(
     ModelError,
-    r"`cart` \(Driven\) gives 6 equations and needs 5 .*: 1 too many",
-    open_end="the last line of the listing has no full stop",
+    r"`cart` \(Driven\) gives 6 equations and needs 5 .*: 1 too many, to be removed\.$",
 )
 def one_equation_too_many():
     return beside_a_wall(cart=Driven(m=1.0))
@@ -87,8 +88,7 @@ def one_equation_too_many():
 
 @broken(
     ModelError,
-    r"`few` \(Halved\) gives 4 .* 1 too few.*`many` \(Driven\) gives 6 .* 1 too many",
-    open_end="the last line of the listing has no full stop",
+    r"`few` \(Halved\) gives 4 .* 1 too few.*`many` \(Driven\) gives 6 .* 1 too many, to be removed\.$",
 )
 def two_wrongs_make_no_right():
     return assemble(joined(few=Halved(m=1.0), many=Driven(m=1.0)))
@@ -105,6 +105,6 @@ def composite_with_a_port_that_nothing_inside_uses():
     return beside_a_wall(shell=Shell())
 
 
-@broken(ModelError, r"`Alone` \(Alone\) gives 1 equations and needs 2 .*: 1 too few")
+@broken(ModelError, r"`Alone` \(Alone\) gives 1 equation and needs 2 .*: 1 too few; add the law that is missing")
 def motion_without_a_law():
     return assemble(Alone())

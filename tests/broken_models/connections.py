@@ -58,8 +58,7 @@ def list_of_one_part():
 
 @broken(
     ModelError,
-    r"`Inertia\.flange_a` \(rotational.*`Mass\.flange_b` \(translational.* do not fit",
-    "both classes are called Flange, and the domains are not said",
+    r"`Inertia\.flange_a` \(rotational\.Flange\) and `Mass\.flange_b` \(translational\.Flange\) do not fit.*; put a",
 )
 def translation_joined_to_rotation():
     mass, shaft = Mass(m=1.0), rotational.Inertia(J=1.0)
@@ -67,7 +66,8 @@ def translation_joined_to_rotation():
 
 
 @broken(
-    ModelError, r"`connect` joins ports of one class: `Force\.flange` \(Flange\) and `y` \(signal\) do not fit together"
+    ModelError,
+    r"`connect` joins ports of one class: `Force\.flange` \(.*Flange\) and `y` \(signal\) do not fit together; join",
 )
 def port_joined_to_signal():
     push, gain = Force(), signals.Gain(k=1.0)
@@ -87,7 +87,7 @@ def connection_with_one_end():
 
 
 @broken(
-    ModelError, r"names `\(2\.\*y\)`, which is neither a port nor a signal: write an equation", "no cure is offered"
+    ModelError, r"names `\(2\.\*y\)`, which is neither a port nor a signal: write an equation, `yield .*, and connect"
 )
 def expression_joined_to_signal():
     gain, push = signals.Gain(k=1.0), Force()
@@ -102,14 +102,13 @@ def input_driven_twice():
 
 @broken(
     ModelError,
-    r"`spying` uses `s` of a component .* store every part in an attribute",
-    "the user of the symbol is not named",
+    r"spying: equation 1 uses `s` of a component that is not part of the model: store every part in an attribute",
 )
 def equation_uses_a_part_of_no_one():
     return assemble(joined(spying=Spying()))
 
 
-@broken(ModelError, r"`der\(s\)` in `spying`.* not part of the model.*store", "neither the place nor the cure is named")
+@broken(ModelError, r"spying: equation 1 uses `der\(s\)` of a component that is not part of the model: store")
 def derivative_of_a_part_of_no_one():
     return assemble(joined(spying=SpyingOnSpeed()))
 
@@ -149,7 +148,9 @@ def port_assigned():
     mass.flange_a = spring.flange_b
 
 
-@broken(ModelError, r"ports of one class: `Resistor\.pin_p` \(Pin\) and `Torque\.flange` \(Flange\) do not fit")
+@broken(
+    ModelError, r"ports of one class: `Resistor\.pin_p` \(electrical\.Pin\) and `Torque\.flange` \(rotational\.Flange\)"
+)
 def circuit_joined_to_shaft():
     r, torque = electrical.Resistor(R=1.0), rotational.Torque()
     return assemble(joined((r.pin_p, torque.flange), r=r, torque=torque))

@@ -1,0 +1,89 @@
+"""Which equations fix one quantity at different values, and whose they are.
+
+An equation that reads number = 0 after elimination is a sum of multiples of the equations used before it, and of
+their derivatives. As these are independent, the sum is unique: its members are the culprits.
+"""
+
+from collections.abc import Iterable, Sequence
+
+import casadi as ca
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.linalg import lsqr
+
+from cartpend_dae.diagnose import ANY, DOMAINS, Domain, listed
+from cartpend_dae.explain import listed_findings
+from cartpend_dae.system import FlatSystem, parameters_of_all
+
+
+def contradiction_sentences(flat: FlatSystem, used: Iterable[int], contradictions: Sequence[tuple[int, float]]) -> str:
+    """Return what is wrong with each equation that reads number = 0.
+
+    Parameters
+    ----------
+    flat
+        The flat system.
+    used
+        The equations that the elimination has used.
+    contradictions
+        Each equation that reads number = 0, and the number.
+    """
+    others = sorted(set(used) - {equation for equation, _ in contradictions})
+    return listed_findings(flat.name, [_sentence(flat, others, *found) for found in contradictions])
+
+
+def _sentence(flat: FlatSystem, used: list[int], equation: int, value: float) -> str:
+    origins = [flat.origins[i] for i in [*_culprits(flat, used, equation), equation]]
+    classes = dict(flat.components)
+    paths = sorted({path for origin in origins if (path := origin.partition(": ")[0]) in classes})
+    if len(paths) > 1:
+        domain = _domain(flat, paths)
+        who = listed([f"`{path}` ({classes[path]})" for path in paths], ", ")
+        cure = f"{who}; remove one of them, or put {domain.compliance} between them"
+    else:
+        cure = f"{listed(sorted(origins), '; ')}; remove one of them"
+    return (
+        f"{flat.origins[equation]} contradicts the other equations: after elimination it reads {value:.6g} = 0. "
+        f"Two constraints fix the same quantity at different values: {cure}."
+    )
+
+
+def _domain(flat: FlatSystem, paths: list[str]) -> Domain:
+    units = {
+        variable.declaration.unit
+        for variable in flat.variables
+        if variable.kind == "flow" and variable.name.rpartition(".")[0].rpartition(".")[0] in paths
+    }
+    return DOMAINS.get(units.pop(), ANY) if len(units) == 1 else ANY
+
+
+def _culprits(flat: FlatSystem, used: list[int], equation: int) -> list[int]:
+    """Return the equations of which the given one is a sum of multiples; none if numbers do not show it."""
+    jacobian = ca.jacobian(flat.residual[[*used, equation]], ca.vertcat(flat.symbols, flat.derivative_symbols))
+    rows, columns = (np.array(part, dtype=int) for part in jacobian.sparsity().get_triplet())
+    elements = ca.sparsity_cast(jacobian, ca.Sparsity.dense(jacobian.nnz(), 1))
+    moving = ca.vertcat(flat.symbols, flat.derivative_symbols, flat.time, flat.frictions.force)
+    function = ca.Function("entries", [moving, flat.parameter_symbols], [elements])
+    values = np.asarray(function(0, parameters_of_all(flat))).ravel()
+    keys = [(i, 0) for i in range(len(flat.variables))] + list(flat.derivatives)
+    highest = max((order for _, order in keys), default=0)
+    lifted = [(i, keys[j], v) for i, j, v in zip(rows.tolist(), columns.tolist(), values.tolist(), strict=True)]
+    entries = [
+        (i + more * len(used), (variable, order + more), v)
+        for more in range(highest + 1)
+        for i, (variable, order), v in lifted
+        if i < len(used)
+    ]
+    known = {key: k for k, key in enumerate(dict.fromkeys(key for _, key, _ in (*entries, *lifted)))}
+    target = np.zeros(len(known))
+    for i, key, v in lifted:
+        if i == len(used):
+            target[known[key]] += v
+    n = (highest + 1) * len(used)
+    place = ([known[key] for _, key, _ in entries], [i for i, _, _ in entries])
+    matrix = csr_array((np.nan_to_num([v for _, _, v in entries]), place), shape=(len(known), n))
+    weights, _, _, error = lsqr(matrix, target, atol=1e-13, btol=1e-13)[:4]
+    if not used or error > 1e-6 * np.linalg.norm(target):
+        return []
+    members = np.flatnonzero(np.abs(weights) > 1e-6 * np.abs(weights).max(initial=0.0))
+    return sorted({used[i % len(used)] for i in members.tolist()})
