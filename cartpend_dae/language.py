@@ -14,7 +14,7 @@ Between symbols ``==`` makes an equation. Nothing here knows how equations are s
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar, dataclass_transform
+from typing import Any, Literal, TypeVar, dataclass_transform, get_args
 
 import casadi as ca
 
@@ -29,6 +29,7 @@ from cartpend_dae.quantities import (
     Port,
     PortField,
     Signal,
+    StateSelect,
     Var,
     declared,
     is_number,
@@ -72,10 +73,34 @@ def var(
     min: float | None = None,
     max: float | None = None,
     nominal: float | None = None,
+    state_select: StateSelect = "default",
     doc: str = "",
 ) -> Var:
-    """Declare a variable; `start` [unit] is a guess of its initial value (`initial` fixes it)."""
-    return Var(Declaration(unit, doc, min, max, start, None, nominal))
+    """Declare a variable.
+
+    Parameters
+    ----------
+    unit
+        SI unit such as ``"rad"``.
+    start
+        Guess of the initial value [unit]; `initial` fixes it.
+    min, max, nominal
+        Bounds and typical magnitude [unit].
+    state_select
+        Whether it shall be a state where constraints leave a choice, as in Modelica: ``"prefer"`` and ``"avoid"`` are
+        wishes among variables whose derivative the model names; ``"always"`` and ``"never"`` are demands.
+    doc
+        A few words.
+
+    Raises
+    ------
+    ValueError
+        For another word as `state_select`.
+    """
+    if state_select not in get_args(StateSelect):
+        choices = ", ".join(f"`{choice}`" for choice in get_args(StateSelect))
+        raise ValueError(f"`state_select` of a variable is one of {choices}, not {state_select!r}.")
+    return Var(Declaration(unit, doc, min, max, start, None, nominal, state_select))
 
 
 def flow(*, unit: str, nominal: float | None = None, doc: str = "") -> Flow:

@@ -91,6 +91,7 @@ def sort(indexed: IndexedSystem) -> System:
         blocks=made,
         invariants=invariants,
         invariant_origins=indexed.invariant_origins,
+        dummies=tuple((names[key], origin) for key, origin in indexed.dummies),
         differentiated=indexed.differentiated,
         aliased=aliased,
         names=names,
@@ -119,13 +120,18 @@ def _names(aliased: AliasedSystem) -> dict[tuple[int, int], str]:
     names = {
         (base, order): "der(" * order + aliased.flat.variables[base].name + ")" * order for base, order in aliased.keys
     }
-    best: dict[tuple[int, int], tuple[int, int, int]] = {}
+    best: dict[tuple[int, int], tuple[int, int, int, int]] = {}
     kinds = {"variable": 0, "output": 1, "input": 2, "potential": 3, "flow": 4}
     for index, (variable, relation) in enumerate(zip(aliased.flat.variables, aliased.relations, strict=True)):
         key = (relation.base, relation.order)
         if key not in names or not (is_literal(relation.factor, 1) and is_literal(relation.offset, 0)):
             continue
-        score = (0 if index == relation.base else 1, kinds[variable.kind], variable.name.count("."))
+        score = (
+            0 if index == relation.base else 1,
+            -variable.declaration.wish,
+            kinds[variable.kind],
+            variable.name.count("."),
+        )
         if key not in best or score < best[key]:
             best[key], names[key] = score, variable.name
     return names

@@ -22,7 +22,7 @@ LAYERS = """
     flatten
     dimensions
     alias
-    diagnose
+    diagnose selection
     index
     sort merge
     assemble
