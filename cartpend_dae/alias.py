@@ -105,6 +105,8 @@ def _linear_rows(flat: FlatSystem) -> list[_Row]:
         varying[entry_rows[moving]] = True
     forced = np.unique(ca.jacobian_sparsity(flat.residual, other).get_triplet()[0]).astype(int)
     varying[forced] = True
+    if not flat.residual.is_smooth():  # a sign or a comparison has slope zero and yet is no constant
+        varying |= [not equation.is_smooth() for equation in ca.vertsplit(flat.residual)]
     constants = ca.substitute(flat.residual, unknowns, ca.SX.zeros(unknowns.numel()))
     keys = [(i, 0) for i in range(len(flat.variables))] + list(flat.derivatives)
     linear = ~varying

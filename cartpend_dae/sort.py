@@ -1,7 +1,7 @@
 """IndexedSystem -> System: which equation gives which unknown, in which order, and the solution itself.
 
 Blocks that are linear in
-their unknowns are solved here, symbolically; the others remain as algebraic equations.
+their unknowns are solved here, symbolically; of the others few unknowns remain, with as many algebraic equations.
 """
 
 from collections import defaultdict
@@ -24,6 +24,7 @@ from cartpend_dae.system import (
     coefficient_column,
     is_literal,
 )
+from cartpend_dae.tear import jumps, tear_block
 
 # decay of a violated constraint [1/s]: fast against the drift of any tolerance, slow against the motion
 RATE = 20.0
@@ -145,7 +146,7 @@ def _solve_blocks(
     rows, columns = (list(part) for part in jacobian.sparsity().get_triplet())
     match = matching(rows, columns, (len(aliased.origins), len(labels)))
     _check_matching(aliased, labels, match)
-    varying = _varying_entries(jacobian, unknowns)
+    varying = _varying_entries(aliased.residual, jacobian, unknowns)
     definitions: list[tuple[ca.SX, ca.SX]] = []
     made: list[Block] = []
     nonlinear: list[tuple[int, int]] = []
@@ -155,8 +156,10 @@ def _solve_blocks(
         origins = tuple(aliased.origins[i] for i in equations)
         inside = set(own)
         if any(column in inside and other in inside for i in equations for column, other in varying[i]):
-            nonlinear += zip(equations, own, strict=True)
-            made.append(Block(block_names, origins, "nonlinear"))
+            torn = tear_block(aliased.residual[equations], unknowns[own])
+            definitions += torn.definitions
+            nonlinear += [(equations[i], own[j]) for i, j in zip(torn.equations, torn.unknowns, strict=True)]
+            made.append(Block(block_names, origins, "nonlinear", tuple(block_names[j] for j in torn.unknowns)))
             continue
         symbols = unknowns[own]
         constant = ca.substitute(aliased.residual[equations], symbols, ca.SX.zeros(len(own)))
@@ -182,9 +185,11 @@ def _check_matching(aliased: AliasedSystem, labels: list[str], match: np.ndarray
     )
 
 
-def _varying_entries(jacobian: ca.SX, unknowns: ca.SX) -> dict[int, set[tuple[int, int]]]:
+def _varying_entries(residual: ca.SX, jacobian: ca.SX, unknowns: ca.SX) -> dict[int, set[tuple[int, int]]]:
     """Return for each equation the pairs (a, b) of unknowns where the coefficient of a depends on b."""
     found: dict[int, set[tuple[int, int]]] = defaultdict(set)
+    for row, column in jumps(residual, unknowns):
+        found[row].add((column, column))
     if not jacobian.nnz():
         return found
     rows, columns = jacobian.sparsity().get_triplet()

@@ -24,6 +24,7 @@ LAYERS = """
     alias
     diagnose selection
     index
+    tear
     sort merge
     assemble
     dae
