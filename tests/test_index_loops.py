@@ -197,6 +197,6 @@ def test_a_torque_on_four_bars_does_its_work():
     result = simulate(four_bars(source=source), 1.0, points=301, start=start_of_bars(0.5, 0.0), rtol=1e-10, atol=1e-12)
     phi = result["turn.phi"]
     work = energy_of_bars(phi, result["turn.w"]) - 3.0 * (phi - phi[0])
-    # Local errors of 1e-10 over some thousand steps, and a work of 60 J.
-    np.testing.assert_allclose(work, work[0], atol=1e-5)
+    # Local errors of 1e-10 over ten thousand steps, of the work that was done.
+    assert np.ptp(work) < 1e-6 * 3.0 * np.ptp(phi)
     assert np.ptp(phi) > 2 * np.pi
