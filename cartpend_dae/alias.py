@@ -29,6 +29,7 @@ _ONE, _ZERO = 1, 0
 _CONSTANT = -1
 # rank of variables whose derivative the model names: they become states, and keep their names
 _DIFFERENTIATED = -1
+Rank = tuple[int, int, int, int]
 
 
 @dataclass(slots=True)
@@ -199,13 +200,21 @@ def present_value(flat: FlatSystem, value: Coefficient) -> float:
     return float("nan")
 
 
-def _ranks(flat: FlatSystem) -> list[tuple[int, int, int]]:
-    """Return how gladly each variable is kept as the base of its chain: smaller is gladder."""
+def _ranks(flat: FlatSystem) -> list[Rank]:
+    """Return how gladly each variable is kept as the base of its chain: smaller is gladder.
+
+    Inputs come first, then what is or wants to be a state, of these the most wanted, and the one nearest to the root.
+    """
     kinds = {"input": 0, "variable": 1, "output": 2, "potential": 3, "flow": 4}
     external, differentiated = set(flat.inputs), {i for i, _ in flat.derivatives}
     return [
         (
-            -2 if i in external else _DIFFERENTIATED if i in differentiated else max(1, kinds[v.kind]),
+            -2
+            if i in external
+            else _DIFFERENTIATED
+            if i in differentiated or v.declaration.wish > 0
+            else max(1, kinds[v.kind]),
+            -v.declaration.wish,
             v.name.count("."),
             i,
         )
@@ -213,11 +222,11 @@ def _ranks(flat: FlatSystem) -> list[tuple[int, int, int]]:
     ]
 
 
-def _is_differentiated(rank: list[tuple[int, int, int]], variable: int) -> bool:
+def _is_differentiated(rank: list[Rank], variable: int) -> bool:
     return rank[variable][0] == _DIFFERENTIATED
 
 
-def _join(row: Row, chains: _Chains, rank: list[tuple[int, int, int]], inputs: set[int]) -> int | None:
+def _join(row: Row, chains: _Chains, rank: list[Rank], inputs: set[int]) -> int | None:
     """Use a row of one or two terms to join a chain to another; return the variable that was eliminated."""
     items = list(row.terms.items())
     candidates = [

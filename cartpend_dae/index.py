@@ -2,9 +2,10 @@
 
 The structural analysis says how often each equation is differentiated. Of the variables below the highest
 order, dummy derivatives are those that the constraints give, so that only as many states are left as there
-are degrees of freedom. Where the constraints give them with coefficients that change along the motion
-(a pendulum in Cartesian coordinates through full turns) no such choice holds for ever: all are kept as
-states, and the constraints as invariants towards which the solution is drawn back.
+are degrees of freedom; `state_select` says which of them are wanted. Where the constraints give them with
+coefficients that change along the motion (a pendulum in Cartesian coordinates through full turns) no such
+choice holds for ever: all are kept as states, and the constraints as invariants towards which the solution
+is drawn back.
 
 References
 ----------
@@ -13,6 +14,7 @@ S. E. Mattsson, G. Soederlind, SIAM J. Sci. Comput. 14 (1993), 677-692, doi:10.1
 U. M. Ascher, H. Chin, S. Reich, Numer. Math. 67 (1994), 131-149, doi:10.1007/s002110050020 (invariants).
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NoReturn
 
@@ -23,9 +25,8 @@ from cartpend_dae.alias import present_value
 from cartpend_dae.diagnose import singular_sentence
 from cartpend_dae.errors import StructureError
 from cartpend_dae.graph import matching, structural_offsets
+from cartpend_dae.selection import Key, check_demands, demanded_orders, rank, wishes
 from cartpend_dae.system import AliasedSystem, IndexedSystem
-
-Key = tuple[int, int]
 
 
 def reduce_index(aliased: AliasedSystem) -> IndexedSystem:
@@ -48,6 +49,8 @@ def reduce_index(aliased: AliasedSystem) -> IndexedSystem:
         wanted[base] = max(order, wanted.get(base, 0))
         if base in inputs and order > 0:
             _refuse_input_derivative(aliased, base)
+    for base, order in demanded_orders(aliased).items():
+        wanted[base] = max(order, wanted[base])
     bases = [base for base in wanted if base not in inputs]
     column_of = {base: j for j, base in enumerate(bases)}
     entries = _signature(aliased, column_of)
@@ -91,11 +94,12 @@ def _reduced(aliased: AliasedSystem, bases: list[int], counts: np.ndarray, highe
     extended, levels = _differentiate(aliased, counts)
     tops = [(base, int(order)) for base, order in zip(bases, highest, strict=True)]
     extended = _with_keys(extended, tops)
-    dummies, dropped = _dummy_derivatives(extended, tops, counts, levels)
+    wish = wishes(aliased)
+    dummies, dropped = _dummy_derivatives(extended, tops, counts, levels, wish)
     unknowns = [*tops, *dummies]
     taken = set(unknowns)
     solved = [i for i in range(len(extended.origins)) if i not in set(dropped)]
-    return IndexedSystem(
+    indexed = IndexedSystem(
         aliased=replace(
             extended, residual=extended.residual[solved], origins=tuple(extended.origins[i] for i in solved)
         ),
@@ -103,8 +107,11 @@ def _reduced(aliased: AliasedSystem, bases: list[int], counts: np.ndarray, highe
         states=tuple((base, k) for base, order in tops for k in range(order) if (base, k) not in taken),
         invariants=extended.residual[dropped] if dropped else ca.SX(0, 1),
         invariant_origins=tuple(extended.origins[i] for i in dropped),
-        differentiated=tuple(f"{aliased.origins[i]}: {int(n)} times" for i, n in enumerate(counts) if n),
+        dummies=tuple((key, aliased.origins[i]) for key, i in dummies.items()),
+        differentiated=tuple((aliased.origins[i], int(n)) for i, n in enumerate(counts) if n),
     )
+    check_demands(indexed, wish)
+    return indexed
 
 
 def _with_keys(aliased: AliasedSystem, wanted: list[Key]) -> AliasedSystem:
@@ -178,56 +185,67 @@ def _refuse_input_derivative(aliased: AliasedSystem, base: int) -> NoReturn:
 
 
 def _dummy_derivatives(
-    aliased: AliasedSystem, tops: list[Key], counts: np.ndarray, levels: list[list[int]]
-) -> tuple[list[Key], list[int]]:
+    aliased: AliasedSystem, tops: list[Key], counts: np.ndarray, levels: list[list[int]], wish: Mapping[Key, int]
+) -> tuple[dict[Key, int], list[int]]:
     """Choose, stage by stage, the lower derivatives that constraints give.
 
-    Returns the dummy derivatives, and the equations left over, which become invariants.
+    Returns the dummy derivatives with their constraints, and the equations left over, which become invariants.
     """
     rows = [i for i, count in enumerate(counts) if count >= 1]
     if not rows:
-        return [], []
+        return {}, []
     table = dict(zip(aliased.keys, ca.vertsplit(aliased.symbols), strict=True))
     unknown = ca.vertcat(*[table[key] for key in tops])
     jacobian = ca.jacobian(aliased.residual[[levels[i][-1] for i in rows]], unknown)
     columns = list(range(len(tops)))
     static = list(range(len(rows)))
-    dummies: list[Key] = []
+    dummies: dict[Key, int] = {}
     invariants: list[int] = []
     for stage in range(1, int(counts.max()) + 1):
         now = [row for row in range(len(rows)) if counts[rows[row]] >= stage]
         eligible = [j for j in columns if tops[j][1] >= stage]
-        pivots = _constant_pivots(aliased, jacobian, [row for row in now if row in static], eligible)
+        ranks = {j: rank(wish, tops[j][0], tops[j][1] - stage) for j in eligible}
+        pivots = _constant_pivots(aliased, jacobian, [row for row in now if row in static], ranks)
         static = list(pivots)
-        dummies += [(tops[column][0], tops[column][1] - stage) for column in pivots.values()]
+        dummies |= {(tops[column][0], tops[column][1] - stage): rows[row] for row, column in pivots.items()}
         invariants += [levels[rows[row]][int(counts[rows[row]]) - stage] for row in now if row not in pivots]
         columns = list(pivots.values())
     return dummies, invariants
 
 
-def _constant_pivots(aliased: AliasedSystem, jacobian: ca.SX, rows: list[int], columns: list[int]) -> dict[int, int]:
+def _constant_pivots(
+    aliased: AliasedSystem, jacobian: ca.SX, rows: list[int], ranks: Mapping[int, int]
+) -> dict[int, int]:
     """Eliminate with pivots that are constant in time; return row -> column for the rows that have one.
 
-    Of several, numbers are taken before expressions of parameters, and of these the last column.
+    Columns of the lowest rank are taken as long as there are any: columns that are independent form a matroid, so that
+    this greedy choice leaves the states that are wanted most. Of equal ranks, numbers are taken before expressions
+    of parameters, and of these the last column.
     """
-    lines = {row: _line(jacobian, row, set(columns)) for row in rows}
+    lines = {row: _line(jacobian, row, set(ranks)) for row in rows}
     pivots: dict[int, int] = {}
-    for row in sorted(rows, key=lambda r: len(lines[r])):
-        line = lines[row]
-        constant = [j for j, value in line.items() if _is_constant(aliased, value)]
-        if not constant:
-            continue
-        column = max(constant, key=lambda j: (line[j].is_constant(), j))
-        pivots[row] = column
-        for other, others in lines.items():
-            if other in pivots or column not in others:
+    for limit in sorted(set(ranks.values())):
+        for row in sorted(set(rows) - set(pivots), key=lambda r: (len(lines[r]), r)):
+            line = lines[row]
+            constant = [j for j, value in line.items() if ranks[j] <= limit and _is_constant(aliased, value)]
+            if not constant:
                 continue
-            ratio = others.pop(column) / line[column]
-            for j, value in line.items():
-                if j != column:
-                    others[j] = others.get(j, ca.SX(0)) - ratio * value
-            lines[other] = {j: value for j, value in others.items() if not value.is_zero()}
+            pivots[row] = max(constant, key=lambda j: (-ranks[j], line[j].is_constant(), j))
+            _eliminate(lines, pivots, row)
     return pivots
+
+
+def _eliminate(lines: dict[int, dict[int, ca.SX]], pivots: dict[int, int], row: int) -> None:
+    """Subtract a row from those without a pivot, in place, so that its own column stands in it alone."""
+    line, column = lines[row], pivots[row]
+    for other, others in lines.items():
+        if other in pivots or column not in others:
+            continue
+        ratio = others.pop(column) / line[column]
+        for j, value in line.items():
+            if j != column:
+                others[j] = others.get(j, ca.SX(0)) - ratio * value
+        lines[other] = {j: value for j, value in others.items() if not value.is_zero()}
 
 
 def _line(jacobian: ca.SX, row: int, columns: set[int]) -> dict[int, ca.SX]:

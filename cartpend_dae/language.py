@@ -14,18 +14,16 @@ Between symbols ``==`` makes an equation. Nothing here knows how equations are s
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Never, TypeVar, dataclass_transform
+from typing import TYPE_CHECKING, Any, Never, TypeVar, dataclass_transform
 
 import casadi as ca
 
 from cartpend_dae.collector import DryFriction, collector_of
+from cartpend_dae.declarations import flow, param, port, signal, var
 from cartpend_dae.errors import CartpendError, ModelError
 from cartpend_dae.explain import OF_PARTS, argument_sentence, failure_sentence, known_cause, nearest, position_sentence
 from cartpend_dae.quantities import (
-    Declaration,
     Expression,
-    Flow,
-    P,
     Param,
     Port,
     PortField,
@@ -37,74 +35,9 @@ from cartpend_dae.quantities import (
     state_of,
 )
 
+__all__ = ["Component", "connect", "der", "dry_friction", "flow", "initial", "param", "port", "signal", "time", "var"]
+
 C = TypeVar("C", bound="Component")
-
-
-def param(
-    *,
-    unit: str,
-    default: float | None = None,
-    min: float | None = None,
-    max: float | None = None,
-    nominal: float | None = None,
-    doc: str = "",
-) -> Param:
-    """Declare a parameter; without `default` the constructor demands it.
-
-    Parameters
-    ----------
-    unit
-        SI unit such as ``"N.m/rad"``.
-    default
-        Value if the constructor does not name it [unit].
-    min, max
-        Physical bounds [unit]; checked when the model is assembled and used by the estimation.
-    nominal
-        Typical magnitude [unit], for scaling.
-    doc
-        A few words.
-    """
-    return Param(Declaration(unit, doc, min, max, None, default, nominal))
-
-
-def var(
-    *,
-    unit: str,
-    start: float | None = None,
-    min: float | None = None,
-    max: float | None = None,
-    nominal: float | None = None,
-    doc: str = "",
-) -> Var:
-    """Declare a variable; `start` [unit] is a guess of its initial value (`initial` fixes it)."""
-    return Var(Declaration(unit, doc, min, max, start, None, nominal))
-
-
-def flow(*, unit: str, nominal: float | None = None, doc: str = "") -> Flow:
-    """Declare a flow of a port, positive into the component that owns the port."""
-    return Flow(Declaration(unit, doc, nominal=nominal))
-
-
-def signal(direction: Literal["in", "out"], *, unit: str, default: float | None = None, doc: str = "") -> Signal:
-    """Declare a directed signal; an input that nothing drives is an input of the whole model.
-
-    Parameters
-    ----------
-    direction
-        ``"in"`` or ``"out"``.
-    unit
-        SI unit.
-    default
-        Value of an input that neither a connection nor the experiment drives [unit].
-    doc
-        A few words.
-    """
-    return Signal(direction, Declaration(unit, doc, default=default))
-
-
-def port(kind: type[P], *, doc: str = "") -> PortField[P]:
-    """Declare a port of the class `kind`."""
-    return PortField(kind, doc)
 
 
 @dataclass(frozen=True, slots=True)

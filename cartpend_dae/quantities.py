@@ -1,7 +1,7 @@
 """Declared quantities and ports as Python descriptors: on a class a declaration, on an instance a symbol."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Never, Self, TypeGuard, TypeVar, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Never, Self, TypeGuard, TypeVar, get_args, overload
 from weakref import WeakKeyDictionary
 
 import casadi as ca
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 
 Expression = ca.SX | float | int
+StateSelect = Literal["never", "avoid", "default", "prefer", "always"]
 
 
 P = TypeVar("P", bound="Port")
@@ -34,6 +35,12 @@ class Declaration:
     start: float | None = None
     default: float | None = None
     nominal: float | None = None
+    state_select: StateSelect = "default"
+
+    @property
+    def wish(self) -> int:
+        """How gladly it becomes a state, from -2 (never) over 0 (default) to 2 (always)."""
+        return get_args(StateSelect).index(self.state_select) - 2
 
 
 @dataclass(slots=True)

@@ -118,6 +118,8 @@ def _form(residual: ca.SX, unknowns: ca.SX, other: ca.SX) -> _Form:
         moving = ca.jacobian_sparsity(coefficients, ca.vertcat(unknowns, other)).get_triplet()[0]
         varying[rows[np.unique(moving).astype(int)]] = True
     varying[np.unique(ca.jacobian_sparsity(residual, other).get_triplet()[0]).astype(int)] = True
+    if not residual.is_smooth():  # a sign or a comparison has slope zero and yet is no constant
+        varying |= [not equation.is_smooth() for equation in ca.vertsplit(residual)]
     linear = np.flatnonzero(~varying)
     position = {equation: k for k, equation in enumerate(linear.tolist())}
     wanted = [k for k, row in enumerate(rows.tolist()) if row in position]

@@ -1,7 +1,7 @@
 """IndexedSystem -> System: which equation gives which unknown, in which order, and the solution itself.
 
 Blocks that are linear in
-their unknowns are solved here, symbolically; the others remain as algebraic equations.
+their unknowns are solved here, symbolically; of the others few unknowns remain, with as many algebraic equations.
 """
 
 from collections import defaultdict
@@ -29,6 +29,7 @@ from cartpend_dae.system import (
     coefficient_column,
     is_literal,
 )
+from cartpend_dae.tear import jumps, tear_block
 
 # decay of a violated constraint [1/s]: fast against the drift of any tolerance, slow against the motion
 RATE = 20.0
@@ -96,6 +97,7 @@ def sort(indexed: IndexedSystem) -> System:
         blocks=made,
         invariants=invariants,
         invariant_origins=indexed.invariant_origins,
+        dummies=tuple((names[key], origin) for key, origin in indexed.dummies),
         differentiated=indexed.differentiated,
         aliased=aliased,
         names=names,
@@ -124,13 +126,18 @@ def _names(aliased: AliasedSystem) -> dict[tuple[int, int], str]:
     names = {
         (base, order): "der(" * order + aliased.flat.variables[base].name + ")" * order for base, order in aliased.keys
     }
-    best: dict[tuple[int, int], tuple[int, int, int]] = {}
+    best: dict[tuple[int, int], tuple[int, int, int, int]] = {}
     kinds = {"variable": 0, "output": 1, "input": 2, "potential": 3, "flow": 4}
     for index, (variable, relation) in enumerate(zip(aliased.flat.variables, aliased.relations, strict=True)):
         key = (relation.base, relation.order)
         if key not in names or not (is_literal(relation.factor, 1) and is_literal(relation.offset, 0)):
             continue
-        score = (0 if index == relation.base else 1, kinds[variable.kind], variable.name.count("."))
+        score = (
+            0 if index == relation.base else 1,
+            -variable.declaration.wish,
+            kinds[variable.kind],
+            variable.name.count("."),
+        )
         if key not in best or score < best[key]:
             best[key], names[key] = score, variable.name
     return names
@@ -144,9 +151,9 @@ def _solve_blocks(
     rows, columns = (list(part) for part in jacobian.sparsity().get_triplet())
     match = matching(rows, columns, (len(aliased.origins), len(labels)))
     _check_matching(aliased, labels, match)
-    varying = _varying_entries(jacobian, unknowns)
+    varying = _varying_entries(aliased.residual, jacobian, unknowns)
     explicit: list[tuple[int, int]] = []
-    solutions: list[ca.SX] = []
+    solutions: list[tuple[list[int], ca.SX]] = []
     sequence: list[list[int]] = []
     made: list[Block] = []
     nonlinear: list[tuple[int, int]] = []
@@ -156,8 +163,11 @@ def _solve_blocks(
         origins = tuple(aliased.origins[i] for i in equations)
         inside = set(own)
         if any(column in inside and other in inside for i in equations for column, other in varying.get(i, ())):
-            nonlinear += zip(equations, own, strict=True)
-            made.append(Block(names, origins, "nonlinear"))
+            torn = tear_block(aliased.residual[equations], unknowns[own])
+            nonlinear += [(equations[i], own[j]) for i, j in zip(torn.equations, torn.unknowns, strict=True)]
+            made.append(Block(names, origins, "nonlinear", tuple(names[j] for j in torn.unknowns)))
+            sequence.append([own[j] for j, _ in torn.definitions])
+            solutions += [(sequence[-1], ca.vertcat(*[value for _, value in torn.definitions]))]
             continue
         sequence.append(own)
         made.append(Block(names, origins, "explicit" if len(own) == 1 else "linear"))
@@ -166,16 +176,16 @@ def _solve_blocks(
             continue
         constant = ca.substitute(aliased.residual[equations], unknowns[own], ca.SX.zeros(len(own)))
         try:
-            solutions.append(solve_linear(jacobian[equations, own], -constant, names))
+            solutions.append((own, solve_linear(jacobian[equations, own], -constant, names)))
         except StructureError as error:
             keys = [unknown_keys[j] for j in own]
             sentence = dependence_sentence(aliased, equations, keys, dict(zip(keys, names, strict=True)))
             raise StructureError(sentence) from error
-    solutions.insert(0, solve_explicit(aliased.residual, unknowns, jacobian, explicit))
-    solved = [j for _, j in explicit] + [j for own in sequence if len(own) > 1 for j in own]
-    place = {j: k for k, j in enumerate(solved)}
+    solutions.append(([j for _, j in explicit], solve_explicit(aliased.residual, unknowns, jacobian, explicit)))
+    place = {j: k for k, j in enumerate(j for solved, _ in solutions for j in solved)}
     order = [j for own in sequence for j in own]
-    return (unknowns[order], ca.vertcat(*solutions)[[place[j] for j in order]]), tuple(made), nonlinear
+    values = ca.vertcat(*[value for _, value in solutions])[[place[j] for j in order]]
+    return (unknowns[order], values), tuple(made), nonlinear
 
 
 def _check_matching(aliased: AliasedSystem, labels: list[str], match: np.ndarray) -> None:
@@ -193,9 +203,11 @@ def _check_matching(aliased: AliasedSystem, labels: list[str], match: np.ndarray
     )
 
 
-def _varying_entries(jacobian: ca.SX, unknowns: ca.SX) -> dict[int, set[tuple[int, int]]]:
+def _varying_entries(residual: ca.SX, jacobian: ca.SX, unknowns: ca.SX) -> dict[int, set[tuple[int, int]]]:
     """Return for each equation the pairs (a, b) of unknowns where the coefficient of a depends on b."""
     found: dict[int, set[tuple[int, int]]] = defaultdict(set)
+    for row, column in jumps(residual, unknowns):
+        found[row].add((column, column))
     if not jacobian.nnz():
         return found
     rows, columns = jacobian.sparsity().get_triplet()

@@ -135,7 +135,9 @@ class IndexedSystem:
     """A system of index one: `aliased` with the derivatives of constraints among its equations.
 
     `unknowns` are what the equations give, `states` what is integrated, both as (base, order).
-    `invariants` (n, 1) are constraints that the states keep, held by drawing the solution back.
+    `invariants` (n, 1) are constraints that the states keep, held by drawing the solution back. `dummies` are lower
+    derivatives that are no states because a constraint gives them, with its origin; `differentiated` says which
+    equations were differentiated how often.
     """
 
     aliased: AliasedSystem
@@ -143,16 +145,21 @@ class IndexedSystem:
     states: tuple[tuple[int, int], ...]
     invariants: ca.SX
     invariant_origins: tuple[str, ...]
-    differentiated: tuple[str, ...]
+    dummies: tuple[tuple[tuple[int, int], str], ...]
+    differentiated: tuple[tuple[str, int], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Equations solved together, the unknowns they give, and how."""
+    """Equations solved together, the unknowns they give, and how.
+
+    Of a nonlinear block `tearing` are the unknowns that are iterated; the others follow from them explicitly.
+    """
 
     unknowns: tuple[str, ...]
     origins: tuple[str, ...]
     how: Literal["explicit", "linear", "nonlinear"]
+    tearing: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +176,8 @@ class System:
     """A well-posed model: x' = ode(t, x, z, u, p, friction), 0 = alg(...), every variable in `outputs`.
 
     All expressions are CasADi SX in `time`, `x`, `z`, `u`, `p` and `frictions.force`. `invariants` are
-    constraints between the states that a start must meet and that `ode` keeps.
+    constraints between the states that a start must meet and that `ode` keeps; `dummies` are the variables that are no
+    states because a constraint gives them, and its origin.
     """
 
     name: str
@@ -193,7 +201,8 @@ class System:
     blocks: tuple[Block, ...]
     invariants: ca.SX
     invariant_origins: tuple[str, ...]
-    differentiated: tuple[str, ...]
+    dummies: tuple[tuple[str, str], ...]
+    differentiated: tuple[tuple[str, int], ...]
     redundant: tuple[str, ...]
     aliased: AliasedSystem
     names: dict[tuple[int, int], str]

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cartpend_dae.graph import DisjointSets, blocks, dulmage_mendelsohn, matching, reachable, structural_offsets
+from cartpend_dae.graph import DisjointSets, blocks, dulmage_mendelsohn, matching, reachable, structural_offsets, tear
 
 
 @st.composite
@@ -198,3 +198,74 @@ def test_reachable_is_the_least_closed_set(pairs, start):
     # least: each node beyond the start has a predecessor that was found without it
     for node in found - start:
         assert node not in reachable(start, {s: [t for t in ts if t != node] for s, ts in edges.items()})
+
+
+def torn(order, n):
+    return set(range(n)) - {j for _, j in order}
+
+
+@st.composite
+def tearable(draw, max_size=6):
+    n, entries = draw(solvable(max_size))
+    return n, entries, draw(st.lists(st.sampled_from(entries), unique=True))
+
+
+@given(tearable())
+def test_torn_unknowns_give_the_others_one_by_one(block):
+    n, entries, allowed = block
+    order = tear(entries, allowed, n)
+    assert len({i for i, _ in order}) == len({j for _, j in order}) == len(order)
+    known = torn(order, n)
+    for i, j in order:
+        assert (i, j) in allowed
+        assert {k for row, k in entries if row == i} <= known | {j}
+        known.add(j)
+
+
+def fewest_torn(entries, allowed, n):
+    """Try all orders in which all unknowns but some are given one by one (exponential)."""
+    rows = [{j for row, j in entries if row == i} for i in range(n)]
+    best = n
+
+    def extend(known, used, guessed):
+        nonlocal best
+        if guessed >= best:
+            return
+        if len(known) == n:
+            best = guessed
+            return
+        for i in set(range(n)) - used:
+            left = rows[i] - known
+            if len(left) == 1 and (i, *left) in allowed:
+                return extend(known | left, used | {i}, guessed)
+        for j in set(range(n)) - known:
+            extend(known | {j}, used, guessed + 1)
+
+    extend(frozenset(), frozenset(), 0)
+    return best
+
+
+@given(solvable(5))
+def test_few_unknowns_are_torn(incidence):
+    """A heuristic: on all incidences of this size it is at most one above the least number."""
+    n, entries = incidence
+    assert len(torn(tear(entries, entries, n), n)) <= fewest_torn(entries, set(entries), n) + 1
+
+
+def test_a_ring_and_a_ladder_are_torn_at_one_place():
+    ring = [(i, i) for i in range(50)] + [(i, (i + 1) % 50) for i in range(50)]
+    assert len(torn(tear(ring, ring, 50), 50)) == 1
+    ladder = [(i, j) for i in range(50) for j in (i - 1, i, i + 1) if 0 <= j < 50]
+    assert len(torn(tear(ladder, ladder, 50), 50)) == 1
+
+
+def test_what_no_equation_gives_is_torn_first():
+    full = [(i, j) for i in range(4) for j in range(4)]
+    allowed = [(i, j) for i, j in full if j != 2]
+    order = tear(full, allowed, 4)
+    assert 2 in torn(order, 4)
+    assert len(order) == 1  # four unknowns in each equation: three must be known for one
+
+
+def test_nothing_solvable_leaves_all_torn():
+    assert tear([(0, 0), (0, 1), (1, 0), (1, 1)], [], 2) == []

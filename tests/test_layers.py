@@ -15,6 +15,7 @@ LAYERS = """
     errors units graph explicit
     explain linear
     quantities collector
+    declarations
     language
     library
     system
@@ -25,7 +26,9 @@ LAYERS = """
     rows diagnose
     singular contradiction
     alias
+    selection
     index
+    tear
     sort merge
     assemble
     dae

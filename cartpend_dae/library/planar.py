@@ -101,8 +101,8 @@ class Revolute(TwoFrames):
 
     axis = port(rotational.Flange, doc="shaft of the joint")
     support = port(rotational.Flange, doc="housing of the joint, in frame a")
-    phi = var(unit="rad", doc="angle of frame b against frame a")
-    w = var(unit="rad/s", doc="speed of frame b against frame a")
+    phi = var(unit="rad", state_select="prefer", doc="angle of frame b against frame a")
+    w = var(unit="rad/s", state_select="prefer", doc="speed of frame b against frame a")
     a = var(unit="rad/s2", doc="acceleration of frame b against frame a")
 
     def equations(self) -> Statements:
@@ -126,8 +126,8 @@ class Prismatic(TwoFrames):
 
     axis = port(translational.Flange, doc="slider of the joint")
     support = port(translational.Flange, doc="housing of the joint, in frame a")
-    s = var(unit="m", doc="position of frame b along the axis")
-    v = var(unit="m/s", doc="speed of frame b along the axis")
+    s = var(unit="m", state_select="prefer", doc="position of frame b along the axis")
+    v = var(unit="m/s", state_select="prefer", doc="speed of frame b along the axis")
     a = var(unit="m/s2", doc="acceleration of frame b along the axis")
     n: tuple[float, float] = (1.0, 0.0)
 

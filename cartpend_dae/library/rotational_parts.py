@@ -60,8 +60,8 @@ class RelativeStates(Component):
 
     flange_a = port(Flange, doc="left shaft end")
     flange_b = port(Flange, doc="right shaft end")
-    phi_rel = var(unit="rad", doc="angle of flange b against flange a")
-    w_rel = var(unit="rad/s", doc="speed of flange b against flange a")
+    phi_rel = var(unit="rad", state_select="prefer", doc="angle of flange b against flange a")
+    w_rel = var(unit="rad/s", state_select="prefer", doc="speed of flange b against flange a")
     a_rel = var(unit="rad/s2", doc="acceleration of flange b against flange a")
 
     def equations(self) -> Statements:

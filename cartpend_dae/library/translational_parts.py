@@ -11,8 +11,8 @@ class RelativeStates(Component):
 
     flange_a = port(Flange, doc="left point")
     flange_b = port(Flange, doc="right point")
-    s_rel = var(unit="m", doc="position of flange b against flange a")
-    v_rel = var(unit="m/s", doc="speed of flange b against flange a")
+    s_rel = var(unit="m", state_select="prefer", doc="position of flange b against flange a")
+    v_rel = var(unit="m/s", state_select="prefer", doc="speed of flange b against flange a")
     a_rel = var(unit="m/s2", doc="acceleration of flange b against flange a")
 
     def equations(self) -> Statements:

@@ -52,7 +52,8 @@ def section(results):
         "",
         ABSENT,
         "",
-        "| tool | n | equations | build | assemble | first simulation | total | processor | peak memory | imports | runs | error |",
+        "| tool | n | equations | build | assemble | first simulation | total | processor | peak memory | imports "
+        "| runs | error |",
         "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
         *[row(tool, run, entry) for tool, entry in tools.items() for run in entry["runs"]],
         "",

@@ -81,7 +81,8 @@ def body_fixed_at_both_ends():
 
 @broken(
     StructureError,
-    r"connection of body\.flange_b, right\.flange: equal s contradicts .*0\.1 = 0.*`body` .*, `left` .*, `right` .*; remove",
+    r"connection of body\.flange_b, right\.flange: equal s contradicts .*0\.1 = 0.*"
+    r"`body` .*, `left` .*, `right` .*; remove",
 )
 def long_body_between_two_walls_too_near():
     return assemble(
