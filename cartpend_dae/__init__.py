@@ -17,6 +17,7 @@ from cartpend_dae.language import (
     port,
     signal,
     time,
+    unknown,
     var,
 )
 from cartpend_dae.simulate import simulate
@@ -45,5 +46,6 @@ __all__ = [
     "signal",
     "simulate",
     "time",
+    "unknown",
     "var",
 ]

@@ -88,7 +88,7 @@ def _declare(tables: Gathered, path: str, component: Component) -> None:
 
 def _declare_parameters(tables: Gathered, path: str, component: Component) -> None:
     """Note the parameters, after the equations, which may ask `is_zero`."""
-    built_as_zero = state_of(component).built_as_zero
+    built_as_zero, unknown = state_of(component).built_as_zero, state_of(component).unknown
     for name, declared in parameters_of(type(component)).items():
         dotted = f"{path}.{name}" if path else name
         bound = ca.SX(bindings_of(component)[name])
@@ -98,7 +98,7 @@ def _declare_parameters(tables: Gathered, path: str, component: Component) -> No
                 f"to does not exist; set it in the constructor."
             )
         value = float(ca.DM(bound)) if bound.is_constant() else None
-        tables.parameters.append(Parameter(dotted, declared.declaration, value, name in built_as_zero))
+        tables.parameters.append(Parameter(dotted, declared.declaration, value, name in built_as_zero, name in unknown))
         tables.parameter_symbols.append(getattr(component, name))
         tables.bindings.append(bound)
 

@@ -27,12 +27,16 @@ LAYERS = """
     sort merge
     assemble
     dae
+    events
+    start_conditions start_solver
+    start_search
+    start_failure
     initialize
     study_schema
     tables
     data
     study
-    stepping events inputs
+    stepping inputs
     simulate
     transcribe
     programme
