@@ -21,6 +21,7 @@ from cartpend_dae.language import (
     var,
 )
 from cartpend_dae.simulate import simulate
+from cartpend_dae.start_report import describe_start
 from cartpend_dae.system import System
 
 __all__ = [
@@ -38,6 +39,7 @@ __all__ = [
     "assemble",
     "connect",
     "der",
+    "describe_start",
     "dry_friction",
     "flow",
     "initial",

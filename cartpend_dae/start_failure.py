@@ -28,6 +28,11 @@ def failure_sentence(
     if outcome.has_converged and request.steady and any(conditions.ranks[i] == Rank.STEADY for i in broken):
         return _no_rest(system, conditions, outcome, broken)
     conflict = _conflict(conditions, request, outcome)
+    if len(conflict) == 1:
+        return (
+            f"{system.name}: the start values contradict each other or the equations: {missing}. "
+            f"The equations alone rule out {_value(system, conditions, request, conflict[0])}; drop or change it."
+        )
     if conflict:
         others = _listed([conditions.names[i] for i in conflict if i not in broken])
         return (
@@ -35,8 +40,9 @@ def failure_sentence(
             f"In use already: {others}. Drop one of them. These cannot hold together with the equations: "
             f"{_listed([_value(system, conditions, request, i) for i in conflict])}."
         )
+    what = "steady state" if request.steady else "consistent start"
     return (
-        f"{system.name}: no consistent start was found: {missing or 'the steps do not converge'}. "
+        f"{system.name}: no {what} was found: {missing or 'the steps do not converge'}. "
         f"Tried: {_listed(tried)}. Give start values near a solution, or check whether there is one."
     )
 
@@ -47,7 +53,7 @@ def _no_rest(system: System, conditions: Conditions, outcome: Outcome, broken: l
     rates = []
     for i in resting[:8]:
         name = conditions.about[i]
-        unit = f" {system.unit_of(name)}/s" if any(v.name == name for v in system.variables) else ""
+        unit = unit_of(system, f"der({name})")
         by = [conditions.about[k] for k in dependence(outcome, i) if conditions.ranks[k] == Rank.STEADY]
         why = f", while {_listed([f'`{other}`' for other in by])} rests" if by else ", whatever the start"
         rates.append(f"`{name}` changes by {outcome.residual[i]:.4g}{unit}{why}")
@@ -88,8 +94,17 @@ def _value(system: System, conditions: Conditions, request: Request, row: int) -
     name = conditions.about[row]
     if conditions.ranks[row] != Rank.CALLER:
         return conditions.names[row]
-    unit = system.unit_of(name)
-    return f"`{name}` = {request.start[name]:g}{'' if unit == '1' else f' {unit}'}"
+    return f"`{name}` = {request.start[name]:g}{unit_of(system, name)}"
+
+
+def unit_of(system: System, name: str) -> str:
+    """Return a space and the SI unit of a variable, a parameter or a derivative `der(...)`; the unit 1 is left out."""
+    inner = name.removeprefix("der(").removesuffix(")") if name.startswith("der(") else None
+    if inner is not None:
+        unit = unit_of(system, inner) or " 1"
+        return f"{unit}2" if unit.endswith("/s") else f"{unit}/s"
+    declared = [q.declaration.unit for q in (*system.variables, *system.parameters) if q.name == name]
+    return f" {declared[0]}" if declared and declared[0] != "1" else ""
 
 
 def _listed(items: list[str]) -> str:

@@ -9,7 +9,18 @@ from scipy.sparse import csr_array
 
 from cartpend_dae.events import friction_events
 from cartpend_dae.start_conditions import Conditions, Rank, Request, conditions_of
-from cartpend_dae.start_solver import Outcome, Ranked, finite_rows, first_guess, followed, newton, relaxed, shifted
+from cartpend_dae.start_solver import (
+    Outcome,
+    Ranked,
+    finite_rows,
+    first_guess,
+    followed,
+    independent,
+    is_met,
+    newton,
+    relaxed,
+    shifted,
+)
 from cartpend_dae.system import System
 
 
@@ -31,7 +42,9 @@ def search(conditions: Conditions, problem: Ranked, base: np.ndarray, tried: lis
     guess = first_guess(problem, base, Rank.CALLER)
     first = outcome = newton(problem, guess)
     tried.append("damped Newton steps from the start values")
-    for way, begin in _other_ways(conditions, problem, guess) if not first.is_solved else ():
+    if first.is_solved:
+        return _with_defaults(conditions, problem, guess, first)
+    for way, begin in _other_ways(conditions, problem, guess):
         if way not in tried:
             tried.append(way)
         point = begin()
@@ -43,6 +56,27 @@ def search(conditions: Conditions, problem: Ranked, base: np.ndarray, tried: lis
         if outcome.has_converged > first.has_converged or outcome.is_finite > first.is_finite:
             first = outcome
     return first
+
+
+def _with_defaults(conditions: Conditions, problem: Ranked, guess: np.ndarray, found: Outcome) -> Outcome:
+    """Return a start that keeps more of the guesses, where these gave way only because slopes vanish at the guess.
+
+    With y^2 = x and the guesses x = 4, y = 0 the equation seems to determine x, as its slope in y is zero there.
+    """
+    given = (problem.ranks <= Rank.ZERO) & ~is_met(found)
+    if not np.any(given):
+        return found
+    near = next(shifted(guess, conditions.scale))
+    residual, jacobian = problem.evaluate(near)
+    if np.array_equal(jacobian.data, found.jacobian.data):
+        return found
+    chosen = independent(jacobian, finite_rows(residual, jacobian))
+    wanted = chosen[given[chosen]]
+    if not wanted.size:
+        return found
+    other = newton(problem, near)
+    is_better = other.is_solved and np.sum(~is_met(other)[chosen]) < np.sum(given[chosen])
+    return other if is_better else found
 
 
 def _other_ways(

@@ -56,7 +56,7 @@ class Outcome:
     @property
     def is_finite(self) -> bool:
         """Whether the chosen equations have numbers at all."""
-        return bool(self.chosen.size)
+        return self.chosen.size == self.point.size
 
 
 def finite_rows(residual: np.ndarray, jacobian: Sparse) -> np.ndarray:
@@ -131,8 +131,8 @@ def newton(problem: Ranked, point: np.ndarray, *, most: int = 200) -> Outcome:
     The rows are chosen at the beginning, and again where they become singular or leave a stronger row unsolved.
     """
     residual, jacobian = problem.evaluate(point)
-    chosen, last, choices, has_converged = NOTHING, np.inf, 0, False
-    for _ in range(most):
+    chosen, last, choices, has_converged = NOTHING, np.inf, 0, not point.size
+    for _ in range(most if point.size else 0):
         if not chosen.size:
             choices += 1
             chosen = independent(jacobian, finite_rows(residual, jacobian))
@@ -163,7 +163,7 @@ def newton(problem: Ranked, point: np.ndarray, *, most: int = 200) -> Outcome:
 
 def _factors(matrix: Sparse) -> Factors:
     """Return the sparse factors of a square matrix, or None if it has none."""
-    if matrix.shape[0] != matrix.shape[1] or not np.all(np.isfinite(matrix.data)):
+    if matrix.shape[0] != matrix.shape[1] or not matrix.shape[0] or not np.all(np.isfinite(matrix.data)):
         return None
     try:
         return splu(csc_array(matrix))
@@ -188,11 +188,17 @@ def _better_choice(problem: Ranked, residual: np.ndarray, jacobian: Sparse, chos
 
 def _unmet(problem: Ranked, residual: np.ndarray, jacobian: Sparse) -> np.ndarray:
     """Return which of the rows that must hold miss by more than rounding leaves."""
-    rows = np.flatnonzero(problem.ranks <= problem.wanted)
-    sizes = np.asarray(abs(jacobian[rows]).sum(axis=1)).ravel()
-    unmet = np.zeros(residual.size, dtype=bool)
-    unmet[rows] = ~(np.abs(residual[rows]) <= 1e-8 * (1.0 + np.where(np.isfinite(sizes), 1e-4 * sizes, 0.0)))
-    return unmet
+    return (problem.ranks <= problem.wanted) & ~_is_small(residual, jacobian)
+
+
+def _is_small(residual: np.ndarray, jacobian: Sparse) -> np.ndarray:
+    sizes = np.asarray(abs(jacobian).sum(axis=1)).ravel()
+    return np.abs(residual) <= 1e-8 * (1.0 + np.where(np.isfinite(sizes), 1e-4 * sizes, 0.0))
+
+
+def is_met(outcome: Outcome) -> np.ndarray:
+    """Return which conditions hold where a search ended, shape (n_conditions,)."""
+    return _is_small(outcome.residual, outcome.jacobian)
 
 
 def _shortened(

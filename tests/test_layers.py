@@ -32,6 +32,7 @@ LAYERS = """
     start_search
     start_failure
     initialize
+    start_report
     study_schema
     tables
     data
