@@ -1,7 +1,7 @@
 """Consistent start values: which state starts where, from fixed values, guesses and equations."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from cartpend_dae.errors import SolverError
 from cartpend_dae.start_conditions import Conditions, Request, Steady, conditions_of
 from cartpend_dae.start_failure import failure_sentence
 from cartpend_dae.start_search import ranked, search, with_friction
-from cartpend_dae.start_solver import Outcome
+from cartpend_dae.start_solver import Outcome, newton
 from cartpend_dae.system import System
 
 
@@ -119,6 +119,31 @@ def find_start(system: System, request: Request) -> Found:
     found = {system.parameters[i].name: float(p[i]) for i in conditions.unknown}
     _check_found(system, conditions, found)
     return Found(Start(outcome.point[:n_x], outcome.point[n_x : n_x + n_z], p, found), conditions, outcome)
+
+
+def algebraics_along(system: System, start: Start, p: np.ndarray, u: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Return the algebraic variables of a model without states at all times, each search from the last solution.
+
+    Parameters
+    ----------
+    system, start
+        The assembled system, and its start at the first of the times.
+    p, u, times
+        Parameters (n_p,), inputs (n_u, n_times) and times (n_times,), SI units.
+
+    Raises
+    ------
+    SolverError
+        If at some time there is no solution.
+    """
+    z, request = np.zeros((start.z.size, times.size)), Request(p, np.zeros(len(system.inputs)), {})
+    conditions, point = conditions_of(system, request), start.z
+    for k, time in enumerate(times.tolist() if start.z.size else []):
+        request = replace(request, u=u[:, k], time=time)
+        outcome = newton(ranked(conditions, request, np.zeros(len(system.frictions.places))), point)
+        point = outcome.point if outcome.is_solved else find_start(system, request).start.z
+        z[:, k] = point
+    return z
 
 
 def _check_found(system: System, conditions: Conditions, found: Mapping[str, float]) -> None:

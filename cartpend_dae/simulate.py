@@ -15,7 +15,7 @@ from cartpend_dae.dae import dae, parameter_vector
 from cartpend_dae.data import Trajectory
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.events import HybridFriction, friction_events
-from cartpend_dae.initialize import Start, initialize, unknown_parameters
+from cartpend_dae.initialize import Start, algebraics_along, initialize, unknown_parameters
 from cartpend_dae.inputs import (
     DrivenInputs,
     Input,
@@ -319,11 +319,7 @@ def _start_modes(
 
 def _algebraic_only(system: System, start: Start, driven: DrivenInputs, p: np.ndarray, grid: np.ndarray) -> np.ndarray:
     """Solve a model without states at each output time."""
-    z = np.zeros((start.z.size, grid.size))
-    u = inputs_at(driven, grid)
-    for k, time in enumerate(grid if start.z.size else []):
-        z[:, k] = initialize(system, p, u[:, k], {}, float(time), unknown={}).z
-    return z
+    return algebraics_along(system, start, p, inputs_at(driven, grid), grid)
 
 
 def _fixed_steps(

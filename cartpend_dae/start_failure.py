@@ -55,16 +55,30 @@ def _no_rest(system: System, conditions: Conditions, outcome: Outcome, broken: l
         name = conditions.about[i]
         unit = unit_of(system, f"der({name})")
         by = [conditions.about[k] for k in dependence(outcome, i) if conditions.ranks[k] == Rank.STEADY]
-        why = f", while {_listed([f'`{other}`' for other in by])} rests" if by else ", whatever the start"
+        listing = _listed([f"`{other}`" for other in by])
+        why = f", while {listing} {'rest' if len(by) > 1 else 'rests'}" if by else ", whatever the start"
         rates.append(f"`{name}` changes by {outcome.residual[i]:.4g}{unit}{why}")
-    moving = set(resting) | {k for i in resting for k in dependence(outcome, i).tolist()}
-    example = next((conditions.about[i] for i in range(conditions.ranks.size) if i not in moving), None)
-    keep = [n for i, n in enumerate(conditions.about) if conditions.ranks[i] == Rank.STEADY and i not in set(resting)]
-    advice = f", such as `steady={keep[:3]!r}`" if keep and example else ""
+    keep = [f"{name!r}" for name in _able_to_rest(conditions, outcome, resting)]
+    advice = f": `steady=[{_listed(keep)}]`" if keep else ""
     return (
         f"{system.name} has no steady state: {'; '.join(rates)}. Remove what drives it, or name the variables that "
-        f"shall rest{advice}."
+        f"can rest{advice}."
     )
+
+
+def _able_to_rest(conditions: Conditions, outcome: Outcome, broken: list[int]) -> list[str]:
+    """Return what is left when a state on which nothing depends, the angle of a motor that turns, need not rest.
+
+    Where there is none in a conflict, the rest that is broken is left out.
+    """
+    resting = np.flatnonzero(conditions.ranks == Rank.STEADY)
+    slopes = abs(outcome.jacobian[np.flatnonzero(conditions.ranks <= Rank.STEADY)]).sum(axis=0)
+    sizes = np.asarray(slopes).ravel()[: conditions.sizes[0]]
+    idle = {row for row, size in zip(resting.tolist(), sizes.tolist(), strict=False) if size == 0}
+    left: set[int] = set()
+    for row in broken:
+        left |= (idle & {row, *dependence(outcome, row).tolist()}) or {row}
+    return [conditions.about[row] for row in resting.tolist() if row not in left]
 
 
 def _conflict(conditions: Conditions, request: Request, outcome: Outcome) -> list[int]:

@@ -37,6 +37,7 @@ def ranked(conditions: Conditions, request: Request, mode: np.ndarray, without: 
     return Ranked(evaluate, conditions.ranks[kept], conditions.scale, Rank.FIXED)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a trial too far is shortened
 def search(conditions: Conditions, problem: Ranked, base: np.ndarray, tried: list[str]) -> Outcome:
     """Try one way after another until the conditions hold; of failures return the first that says most."""
     guess = first_guess(problem, base, Rank.CALLER)

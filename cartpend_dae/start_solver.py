@@ -107,9 +107,13 @@ def independent(jacobian: Sparse, allowed: np.ndarray) -> np.ndarray:
 
 
 def first_guess(problem: Ranked, base: np.ndarray, from_rank: int) -> np.ndarray:
-    """Return the point near `base` that the rows from a rank on name, by their slopes there."""
+    """Return the point that the linear rows from a rank on name; what is not linear would lead anywhere from `base`."""
     residual, jacobian = problem.evaluate(base)
-    rows = independent(jacobian, finite_rows(residual, jacobian) & (problem.ranks >= from_rank))
+    _, other = problem.evaluate(next(shifted(base, problem.scale)))
+    is_linear = finite_rows(residual, jacobian)
+    bent = np.flatnonzero(jacobian.data != other.data)
+    is_linear[np.searchsorted(jacobian.indptr, bent, side="right") - 1] = False
+    rows = independent(jacobian, is_linear & (problem.ranks >= from_rank))
     factors = _factors(jacobian[rows])
     return base if factors is None else base - factors.solve(residual[rows])
 
@@ -205,13 +209,13 @@ def _shortened(
     problem: Ranked, point: np.ndarray, step: np.ndarray, factors: Factors, chosen: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, Sparse] | None:
     weight = 1.0 / np.maximum(np.abs(point), problem.scale)
-    size = float(np.linalg.norm(step * weight))
+    size = float(np.max(np.abs(step * weight)))
     share = 1.0
     while share > 1e-8:
         trial = point + share * step
         residual, jacobian = problem.evaluate(trial)
         if np.all(np.isfinite(residual[chosen])) and np.all(np.isfinite(jacobian[chosen].data)):
-            following = float(np.linalg.norm(factors.solve(residual[chosen]) * weight))
+            following = float(np.max(np.abs(factors.solve(residual[chosen]) * weight)))
             if following <= (1.0 - share / 4) * size or size <= 1e-9:
                 return trial, residual, jacobian
         share /= 2
