@@ -17,9 +17,11 @@ from cartpend_dae.language import (
     port,
     signal,
     time,
+    unknown,
     var,
 )
 from cartpend_dae.simulate import simulate
+from cartpend_dae.start_report import describe_start
 from cartpend_dae.system import System
 
 __all__ = [
@@ -37,6 +39,7 @@ __all__ = [
     "assemble",
     "connect",
     "der",
+    "describe_start",
     "dry_friction",
     "flow",
     "initial",
@@ -45,5 +48,6 @@ __all__ = [
     "signal",
     "simulate",
     "time",
+    "unknown",
     "var",
 ]

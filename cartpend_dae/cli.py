@@ -133,6 +133,10 @@ def simulate(
     points: Annotated[int, typer.Option(min=2, help="Number of output times; with rk4 every step is one.")] = 501,
     set_: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A parameter [SI].")] = None,
     start: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="A start value [SI].")] = None,
+    unknown: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=GUESS", help="A parameter that the start determines [SI].")
+    ] = None,
+    steady: Annotated[bool, typer.Option("--steady", help="Start at rest: all derivatives are zero.")] = False,
     input_: Annotated[list[str] | None, typer.Option("--input", metavar="NAME=VALUE", help="An input [SI].")] = None,
     method: Annotated[Method, typer.Option(help="The integrator.")] = Method.adaptive,
     step: Annotated[float | None, typer.Option(help="Step of rk4 [s].")] = None,
@@ -156,6 +160,8 @@ def simulate(
         inputs=_assignments("--input", input_),
         start=_assignments("--start", start),
         parameters=guesses | _assignments("--set", set_),
+        unknown=_assignments("--unknown", unknown),
+        steady=steady,
         method=method.value,
         step=step,
     )

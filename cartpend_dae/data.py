@@ -183,6 +183,14 @@ class Trajectory:
     def __contains__(self, name: object) -> bool:
         return name == "time" or name in self.names
 
+    def with_constants(self, constants: Mapping[str, float], units: Iterable[str]) -> "Trajectory":
+        """Return the trajectory with a column more for each constant, in SI `units`."""
+        rows = np.tile([*constants.values()], (self.time.size, 1))
+        names = (*self.names, *constants)
+        return (
+            Trajectory(self.time, names, np.hstack([self.values, rows]), (*self.units, *units)) if constants else self
+        )
+
     def to_frame(self) -> pd.DataFrame:
         """Return the variables as columns, with `time` as the index."""
         return pd.DataFrame(self.values, pd.Index(self.time, name="time"), pd.Index(self.names))

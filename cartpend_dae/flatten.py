@@ -96,7 +96,8 @@ def _declare_parameters(tables: Gathered, place: Place) -> None:
                 f"`{prefix}{name}` was 0 when `{place.name}` was made, so that the part it belongs "
                 f"to does not exist; set it in the constructor."
             )
-        tables.parameters.append(Parameter(prefix + name, declared, value, name in state.built_as_zero))
+        flags = (name in state.built_as_zero, name in state.unknown)
+        tables.parameters.append(Parameter(prefix + name, declared, value, *flags))
         tables.bindings.append(bound)
 
 

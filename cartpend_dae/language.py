@@ -12,6 +12,7 @@ One rule: *annotated = set in the constructor; not annotated = computed by the m
 Between symbols ``==`` makes an equation. Nothing here knows how equations are solved.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Never, TypeVar, dataclass_transform
@@ -29,6 +30,7 @@ from cartpend_dae.quantities import (
     PortField,
     Quantity,
     Signal,
+    Unknown,
     Var,
     declared,
     is_number,
@@ -178,6 +180,27 @@ def initial(equation: ca.SX, *, fixed: bool = True) -> Initial:
     return Initial(equation, fixed)
 
 
+def unknown(guess: float) -> Unknown:
+    """Let the start of a simulation determine a parameter, as in ``Spring(c=unknown(10.0))``.
+
+    The parameter takes the value with which one more condition of the start holds, an ``initial(...)``, a start value
+    of the caller or a steady state, and keeps it along the run. Where nothing needs it, it keeps its guess.
+
+    Parameters
+    ----------
+    guess
+        Where the search begins [unit of the parameter].
+
+    Raises
+    ------
+    ModelError
+        If the guess is no finite number.
+    """
+    if not is_number(guess) or not math.isfinite(guess):
+        raise ModelError(f"`unknown` takes a finite number, the guess of the parameter, not {guess!r}.")
+    return Unknown(float(guess))
+
+
 @dataclass_transform(kw_only_default=True, field_specifiers=(param,))
 class Component:
     """Base of all models and their parts.
@@ -232,7 +255,7 @@ class Component:
 
         A model built without the part refuses other values of the parameter afterwards.
         """
-        is_zero = ca.SX(bindings_of(self)[name]).is_zero()
+        is_zero = ca.SX(bindings_of(self)[name]).is_zero() and name not in state_of(self).unknown
         noted = state_of(self).built_as_zero
         noted.add(name) if is_zero else noted.discard(name)
         return is_zero

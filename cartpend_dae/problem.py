@@ -103,6 +103,12 @@ def make_problem(
         raise ModelError(f"There is no run to fit {system.name} to.")
     for item in free:
         system.parameter_index(item.name)
+    loose = sorted({q.name for q in system.parameters if q.is_unknown} - {item.name for item in free})
+    if loose:
+        raise ModelError(
+            f"{system.name} leaves {', '.join(f'`{name}`' for name in loose)} to the start of a simulation "
+            f"(`unknown(...)`); an estimation needs a number in the model, or the parameter among the free ones."
+        )
     outputs = tuple(dict.fromkeys(name for experiment in experiments for name in experiment.outputs))
     for name in outputs:
         system.index_of(name)
@@ -193,7 +199,7 @@ def _run_start(problem: Problem, experiment: Experiment) -> RunStart:
         value = start.value if start.value is not None else _start_guess(experiment, system, name)
         if value is not None:
             given[name] = value
-    begin = initialize(system, p, u, given, float(experiment.time[0]))
+    begin = initialize(system, p, u, given, float(experiment.time[0]), unknown={})
     model_values = _outputs_at(system, begin.x, begin.z, u, p, float(experiment.time[0]))
     free = []
     for name, start in experiment.start.items():

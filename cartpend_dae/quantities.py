@@ -43,11 +43,19 @@ class Declaration:
         return get_args(StateSelect).index(self.state_select) - 2
 
 
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """A parameter that the start of the simulation determines; `guess` is where its search begins."""
+
+    guess: float
+
+
 @dataclass(slots=True)
 class InstanceState:
     """The symbols, ports and parameter bindings of one component or port.
 
-    `built_as_zero` names the parameters that were 0 when `Component.is_zero` was asked.
+    `built_as_zero` names the parameters that were 0 when `Component.is_zero` was asked, `unknown` those that the
+    start determines: they are bound to their guess.
     """
 
     symbols: dict[str, ca.SX] = field(default_factory=dict)
@@ -55,6 +63,7 @@ class InstanceState:
     ports: dict[str, "Port"] = field(default_factory=dict)
     attached: dict[str, tuple["Component", tuple["Connection", ...]]] = field(default_factory=dict)
     built_as_zero: set[str] = field(default_factory=set)
+    unknown: set[str] = field(default_factory=set)
 
 
 def is_number(value: object) -> TypeGuard[float]:
@@ -122,13 +131,19 @@ class Quantity:
 class Param(Quantity):
     """A parameter: constant in time, set in the constructor by a number or an expression of the parent's parameters."""
 
-    def __set__(self, instance: object, value: Expression) -> None:
+    def __set__(self, instance: object, value: Expression | Unknown) -> None:
+        state = state_of(instance)
+        if isinstance(value, Unknown):
+            state.unknown.add(self.name)
+            state.bindings[self.name] = value.guess
+            return
         if not is_number(value) and not (isinstance(value, ca.SX) and value.is_scalar()):
             raise TypeError(
                 f"{type(instance).__name__}: `{self.name}` must be a number or an expression of parameters, "
                 f"not {value!r}."
             )
-        state_of(instance).bindings[self.name] = value
+        state.unknown.discard(self.name)
+        state.bindings[self.name] = value
 
 
 class Computed(Quantity):

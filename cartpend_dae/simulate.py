@@ -15,7 +15,7 @@ from cartpend_dae.dae import all_variables, dae, parameter_vector
 from cartpend_dae.data import Trajectory
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.events import HybridFriction, friction_events
-from cartpend_dae.initialize import Start, initialize
+from cartpend_dae.initialize import Start, algebraics_along, initialize, unknown_parameters
 from cartpend_dae.inputs import (
     DrivenInputs,
     Input,
@@ -29,6 +29,7 @@ from cartpend_dae.inputs import (
 from cartpend_dae.language import Component
 from cartpend_dae.quantities import is_number
 from cartpend_dae.singular import check_regular
+from cartpend_dae.start_conditions import Steady
 from cartpend_dae.stepping import runge_kutta
 from cartpend_dae.system import System
 
@@ -44,6 +45,8 @@ def simulate(
     inputs: Mapping[str, Input] | None = None,
     start: Mapping[str, float] | None = None,
     parameters: Mapping[str, float] | None = None,
+    unknown: Mapping[str, float] | None = None,
+    steady: Steady = False,
     method: Method = "adaptive",
     step: float | None = None,
     rtol: float = 1e-8,
@@ -67,7 +70,12 @@ def simulate(
     start
         Start values by variable name, in SI units; they overrule those of the model.
     parameters
-        Other values of parameters, by name, in SI units.
+        Other values of parameters, by name, in SI units; one that the model calls `unknown` is known then.
+    unknown
+        Guesses of parameters that the start determines, by name, in SI units, besides those of the model.
+    steady
+        True starts at rest: all derivatives are zero, and `start` says which rest is meant, and what no rest
+        determines. A list of names makes the derivatives of these variables zero.
     method
         ``"adaptive"`` chooses among CasADi's integrators: cvodes for smooth explicit models, idas with algebraic
         variables, rosenbrock with events where there is dry friction. ``"rk4"`` is the classical Runge-Kutta
@@ -81,7 +89,7 @@ def simulate(
     Returns
     -------
     Trajectory
-        Every variable of the model by its dotted name, shape (n_times,) each, SI units.
+        Every variable of the model, and each parameter found, by its dotted name, shape (n_times,) each, SI units.
 
     Raises
     ------
@@ -94,21 +102,25 @@ def simulate(
     system = assemble(model)
     _check_method(method, step, {"rtol": rtol, "atol": atol})
     grid = _grid(stop, times, points, step if method == "rk4" else None)
-    p = parameter_vector(system, _named("parameters", parameters))
+    known = _named("parameters", parameters)
+    p = parameter_vector(system, known)
     check_bounds(system, p)
     check_regular(system, p)
     every = checked_inputs(system, _named("inputs", inputs))
     fine = with_knots(grid, every)
     driven = driven_inputs(every, fine)
     u_0 = input_values(driven, fine[:1], driven.left[:, :1])[:, 0]
-    begin = initialize(system, p, u_0, _start_values(start), float(grid[0]))
+    found = unknown_parameters(system, known, _named("unknown", unknown))
+    begin = initialize(system, p, u_0, _start_values(start), float(grid[0]), unknown=found, steady=steady)
+    p = begin.p
     _check_start(system, begin, u_0, p, float(grid[0]))
     _check_frictions(system, begin, u_0, p, float(grid[0]))
     if method == "rk4" and step is not None:
         x, z, modes = _fixed_steps(system, begin, driven, p, fine, step)
     else:
         x, z, modes = _adaptive(system, begin, driven, p, fine, method, rtol, atol)
-    return _trajectory(system, fine, grid, x, z, modes, driven, p)
+    units = [system.parameters[system.parameter_index(name)].declaration.unit for name in begin.found]
+    return _trajectory(system, fine, grid, x, z, modes, driven, p).with_constants(begin.found, units)
 
 
 def _check_method(method: str, step: float | None, tolerances: dict[str, float]) -> None:
@@ -309,11 +321,7 @@ def _start_modes(
 
 def _algebraic_only(system: System, start: Start, driven: DrivenInputs, p: np.ndarray, grid: np.ndarray) -> np.ndarray:
     """Solve a model without states at each output time."""
-    z = np.zeros((start.z.size, grid.size))
-    u = inputs_at(driven, grid)
-    for k, time in enumerate(grid if start.z.size else []):
-        z[:, k] = initialize(system, p, u[:, k], {}, float(time)).z
-    return z
+    return algebraics_along(system, start, p, inputs_at(driven, grid), grid)
 
 
 def _fixed_steps(

@@ -29,12 +29,14 @@ class Parameter:
     """A parameter by its dotted name; `value` is None where it follows from other parameters.
 
     `is_built_as_zero`: the model lacks the part that it belongs to, as it was 0 when `Component.is_zero` was asked.
+    `is_unknown`: the start determines it, and `value` is a guess.
     """
 
     name: str
     declaration: Declaration
     value: float | None
     is_built_as_zero: bool = False
+    is_unknown: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,10 +47,11 @@ def template_key(component: Component) -> Key | None:
     plain = tuple((name, value) for name, value in vars(component).items() if name != "_state")
     if not all(isinstance(value, bool | int | float | str | type(None)) for _, value in plain):
         return None
+    found = state_of(component).unknown
     zeros = tuple(
         name
         for name, value in bindings_of(component).items()
-        if (value == 0 if is_number(value) else ca.SX(value).is_zero())
+        if (value == 0 if is_number(value) else ca.SX(value).is_zero()) and name not in found
     )
     return (type(component), plain, zeros)
 

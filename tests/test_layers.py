@@ -32,12 +32,17 @@ LAYERS = """
     sort merge
     assemble
     dae
+    events
+    start_conditions start_solver
+    start_search
+    start_failure
     initialize
+    start_report
     study_schema
     tables
     data
     study
-    stepping events inputs
+    stepping inputs
     simulate
     transcribe
     programme

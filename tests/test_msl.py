@@ -23,8 +23,7 @@ every_example = pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.
 @every_example
 def test_parts_and_connections_are_those_of_the_spec(path, msl_dir):
     example = load(path, msl_dir)
-    replaced = getattr(example.module, "REPLACED", {})
-    expected = {name: replaced.get(name) or our_type(facts["type"]) for name, facts in example.components.items()}
+    expected = {name: our_type(facts["type"]) for name, facts in example.components.items()}
     found = {name: type_of(part) for name, part in parts_of(example.model).items()}
     pairs = example.spec["wiring"]["connections"]
     if example.partial:

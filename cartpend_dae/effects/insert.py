@@ -21,6 +21,7 @@ from cartpend_dae.language import (
     variables_of,
 )
 from cartpend_dae.library import rotational, translational
+from cartpend_dae.quantities import state_of
 from cartpend_dae.system import unknown_name
 
 _FIXED: dict[type[Port], type[Component]] = {
@@ -131,6 +132,7 @@ def _copy_bindings(old: Component, new: Component) -> None:
     for name, value in bindings_of(old).items():
         if ca.SX(value).is_constant():
             bindings_of(new)[name] = value
+    state_of(new).unknown.update(state_of(old).unknown)
     new_parts = parts_of(new)
     for name, part in parts_of(old).items():
         if name in new_parts:

@@ -238,21 +238,6 @@ class Spring(LineForce):
         yield self.f == self.c * (self.length - self.s_unstretched)
 
 
-class SpringToBeFound(LineForce):
-    """Spring along a line whose stiffness follows from the start: f = c (length - s_unstretched), der(c) = 0.
-
-    One initial equation more than the motion needs, such as an acceleration of zero, determines c.
-    """
-
-    c = var(unit="N/m", min=0, doc="stiffness, constant in time")
-    s_unstretched: Param = param(unit="m", default=0.0, doc="unstretched length")
-
-    def equations(self) -> Statements:
-        yield from super().equations()
-        yield self.f == self.c * (self.length - self.s_unstretched)
-        yield der(self.c) == 0
-
-
 class Damper(LineForce):
     """Damper along a line, f = d der(length)."""
 

@@ -10,8 +10,10 @@ from cartpend_dae.assess import Assessment, OutputError, RunError
 from cartpend_dae.discover import Discovery, Gate
 from cartpend_dae.discover.gate import LIMIT
 from cartpend_dae.discover.records import Candidate, Search
+from cartpend_dae.errors import SolverError
 from cartpend_dae.identify import Estimate, Fit
 from cartpend_dae.session import Opened
+from cartpend_dae.start_report import describe_start
 from cartpend_dae.system import FlatSystem, System
 
 SHOWN = 60
@@ -214,10 +216,19 @@ def describe_model(system: System, *, everything: bool = False) -> str:
     sections = [
         _section("flat equations", flat_equations(flat), everything),
         _section("start equations", start_equations(flat), everything),
+        _section("start, with inputs at rest", _start_lines(system), everything),
         _section("eliminated, each as it follows from what is left", system.eliminated, everything),
         str(system).splitlines(),
     ]
     return "\n".join(line for section in sections for line in section)
+
+
+def _start_lines(system: System) -> tuple[str, ...]:
+    """Return what determines the start of each state, or why there is no start."""
+    try:
+        return describe_start(system).lines() if system.states else ()
+    except SolverError as error:
+        return (str(error),)
 
 
 def _section(title: str, lines: Sequence[str], everything: bool) -> list[str]:

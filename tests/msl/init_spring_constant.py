@@ -1,11 +1,10 @@
 """A rod held level by a spring whose stiffness follows from the rest at the start."""
 
-from cartpend_dae.language import Component, Statements, connect, initial
+from cartpend_dae.language import Component, Statements, connect, initial, unknown
 from cartpend_dae.library import planar, rotational
 
 SPEC = "Modelica.Mechanics.MultiBody.Examples.Elementary.InitSpringConstant"
 EVENTS = ()
-REPLACED = {"spring": "planar.SpringToBeFound"}  # its stiffness is an unknown of the start
 
 
 class InitSpringConstant(Component):
@@ -17,7 +16,7 @@ class InitSpringConstant(Component):
         self.damper = rotational.Damper(d=0.1)
         self.body = planar.BodyShape(r_x=1.0, r_CM_x=0.5, m=1.0, g=self.world.g)
         self.fixed = planar.Fixed(r_x=1.0, r_y=0.2)
-        self.spring = planar.SpringToBeFound(s_unstretched=0.1)
+        self.spring = planar.Spring(c=unknown(100.0), s_unstretched=0.1)
 
     def equations(self) -> Statements:
         yield connect(self.world.frame_b, self.rev.frame_a)
@@ -29,4 +28,3 @@ class InitSpringConstant(Component):
         yield initial(self.rev.phi == 0.0)
         yield initial(self.rev.w == 0.0)
         yield initial(self.rev.a == 0.0)
-        yield initial(self.spring.c == 100.0, fixed=False)

@@ -1,0 +1,145 @@
+"""The search for a start: from the guess, by other ways where that fails, and with the modes of dry friction."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+from scipy.sparse import csr_array
+
+from cartpend_dae.events import friction_events
+from cartpend_dae.start_conditions import Conditions, Rank, Request, conditions_of
+from cartpend_dae.start_solver import (
+    Outcome,
+    Ranked,
+    finite_rows,
+    first_guess,
+    followed,
+    independent,
+    is_met,
+    newton,
+    relaxed,
+    shifted,
+)
+from cartpend_dae.system import System
+
+
+def ranked(conditions: Conditions, request: Request, mode: np.ndarray, without: tuple[int, ...] = ()) -> Ranked:
+    """Return the conditions in numbers, but for the rows `without`."""
+    known = np.delete(np.asarray(request.p, dtype=float), list(conditions.unknown))
+    kept = np.delete(np.arange(conditions.ranks.size), list(without))
+
+    def evaluate(point: np.ndarray) -> tuple[np.ndarray, csr_array]:
+        residual, jacobian = conditions.function(point, request.u, known, request.time, mode)
+        values, slopes = np.asarray(residual).ravel(), csr_array(jacobian.sparse())
+        return (values[kept], slopes[kept]) if without else (values, slopes)
+
+    return Ranked(evaluate, conditions.ranks[kept], conditions.scale, Rank.FIXED)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a trial too far is shortened
+def search(conditions: Conditions, problem: Ranked, base: np.ndarray, tried: list[str]) -> Outcome:
+    """Try one way after another until the conditions hold; of failures return the first that says most."""
+    guess = first_guess(problem, base, Rank.CALLER)
+    first = outcome = newton(problem, guess)
+    tried.append("damped Newton steps from the start values")
+    if first.is_solved:
+        return _with_defaults(conditions, problem, guess, first)
+    for way, begin in _other_ways(conditions, problem, guess):
+        if way not in tried:
+            tried.append(way)
+        point = begin()
+        if point is None:
+            continue
+        outcome = newton(problem, point)
+        if outcome.is_solved:
+            return outcome
+        if outcome.has_converged > first.has_converged or outcome.is_finite > first.is_finite:
+            first = outcome
+    return first
+
+
+def _with_defaults(conditions: Conditions, problem: Ranked, guess: np.ndarray, found: Outcome) -> Outcome:
+    """Return a start that keeps more of the guesses, where these gave way only because slopes vanish at the guess.
+
+    With y^2 = x and the guesses x = 4, y = 0 the equation seems to determine x, as its slope in y is zero there.
+    """
+    given = (problem.ranks <= Rank.ZERO) & ~is_met(found)
+    if not np.any(given):
+        return found
+    near = next(shifted(guess, conditions.scale))
+    residual, jacobian = problem.evaluate(near)
+    if np.array_equal(jacobian.data, found.jacobian.data):
+        return found
+    chosen = independent(jacobian, finite_rows(residual, jacobian))
+    wanted = chosen[given[chosen]]
+    if not wanted.size:
+        return found
+    other = newton(problem, near)
+    is_better = other.is_solved and np.sum(~is_met(other)[chosen]) < np.sum(given[chosen])
+    return other if is_better else found
+
+
+def _other_ways(
+    conditions: Conditions, problem: Ranked, guess: np.ndarray
+) -> Iterator[tuple[str, Callable[[], np.ndarray | None]]]:
+    """Yield where else Newton's method may begin, and the words for it."""
+    n_x, _, n_f, _ = conditions.sizes
+    resting = np.flatnonzero(problem.ranks == Rank.STEADY)
+    n_equations = int(np.sum(problem.ranks == Rank.EQUATION))
+    others = np.concatenate([np.arange(conditions.n_alg), np.arange(n_equations - n_f, n_equations)])
+    is_whole = n_x > 0 and resting.size == n_x
+    points = [guess]
+    residual, jacobian = problem.evaluate(guess)
+    if not np.all(finite_rows(residual, jacobian)[problem.ranks <= Rank.FIXED]):
+        points += [next(shifted(guess, conditions.scale))]
+    for point in points:
+        if is_whole:
+            yield "implicit Euler steps to a rest", lambda point=point: relaxed(problem, point, resting, others)
+        for direction in (1.0, -1.0):
+            yield (
+                "a path along r(v) = (1 - s) r(v_0)",
+                lambda point=point, direction=direction: followed(problem, point, direction),
+            )
+    for point in shifted(guess, conditions.scale):
+        yield "shifted guesses", lambda point=point: point
+
+
+def with_friction(
+    system: System, request: Request, conditions: Conditions, outcome: Outcome, tried: list[str]
+) -> Outcome:
+    """Find modes of dry friction (backward, stuck, forward) and a start that agree; first by the modes themselves.
+
+    Where they do not settle the friction is smoothed, less and less, and the modes are taken from there.
+    """
+    n_x, n_z = conditions.sizes[:2]
+    arguments = [system.time, system.x, system.z, system.u, system.p]
+    speed, settle = ca.Function("speed", arguments, [system.frictions.speed]), friction_events(system).settle
+
+    def modes_at(point: np.ndarray, near: float) -> np.ndarray:
+        x, z, p = point[:n_x], point[n_x : n_x + n_z], np.array(request.p, dtype=float)
+        p[list(conditions.unknown)] = point[sum(conditions.sizes[:3]) :]
+        speeds = np.asarray(speed(request.time, x, z, request.u, p)).ravel()
+        signs = np.where(np.abs(speeds) > near, np.sign(speeds), 0.0)
+        return np.asarray(settle(request.time, x, signs, z, request.u, p)[1]).ravel()
+
+    def agreed(found: Outcome, near: float) -> Outcome | None:
+        mode = modes_at(found.point, near)
+        for _ in range(2 * mode.size + 3):
+            found = search(conditions, ranked(conditions, request, mode), found.point, tried)
+            settled = modes_at(found.point, 1e-9)
+            if not found.is_solved or np.array_equal(settled, mode):
+                return found if found.is_solved else None
+            mode = settled
+        return None
+
+    done = agreed(outcome, 1e-9)
+    if done is not None:
+        return done
+    tried.append("smoothed dry friction")
+    smooth = conditions_of(system, request, "smooth")
+    for sharpness in 10.0 ** np.arange(0, -7, -1):
+        problem = ranked(smooth, request, np.full(len(system.frictions.places), sharpness))
+        outcome = search(smooth, problem, outcome.point, tried)
+    done = agreed(outcome, 1e-5)
+    return done if done is not None else replace(outcome, has_converged=False)
