@@ -14,6 +14,8 @@ where other programs kept the machine busy. Memory is the largest resident set o
 and the imports take of it stands beside it. A run is stopped at its limit of wall time, or {memory_limit:g} GB, and
 larger sizes are then not tried."""
 
+COLUMNS = ("tool", "n", "equations", "build", "assemble", "first simulation", "total", "processor")
+COLUMNS += ("peak memory", "imports", "runs", "error")
 STAGES = {
     "cartpend_dae": (
         "components in Python",
@@ -52,10 +54,11 @@ def section(results):
         "",
         ABSENT,
         "",
-        "| tool | n | equations | build | assemble | first simulation | total | processor | peak memory | imports | runs | error |",
-        "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
+        f"| {' | '.join(COLUMNS)} |",
+        "|---|" + "--:|" * (len(COLUMNS) - 1),
         *[row(tool, run, entry) for tool, entry in tools.items() for run in entry["runs"]],
         "",
+        "Equations are those of the flat model; for Pymoca and Jaxonomy, those that are left without aliases.",
         "The error is the largest of all positions at the end against the matrix exponential of the chain, relative to",
         "the displacement; for Pymoca it is the residual of its equations at a motion that obeys Newton's law.",
         "",
@@ -157,4 +160,4 @@ def verdict(target, found, limit, unit):
     """Return a row of the table of targets."""
     if found is None:
         return target, "not measured", "–"
-    return target, f"{found:.3g}{unit}", "yes" if found <= limit else "**no**"
+    return target, f"{found:.4g}{unit}", "yes" if found <= limit else "**no**"
