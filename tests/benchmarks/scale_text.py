@@ -51,6 +51,7 @@ def section(results):
         "",
         f"Machine: {results['machine']}.",
         *[line for tool, entry in tools.items() for line in ["", measured_with(tool, entry)]],
+        *disturbed(tools),
         "",
         ABSENT,
         "",
@@ -90,6 +91,23 @@ def measured_with(tool, entry):
         return f"{tool}: absent, because it is not installed in the interpreter of this run; `pip install -e .[bench]`."
     busy = f"load average {entry['load']:.1f} at the start, limit {entry['limit']:g} s"
     return f"{tool}: {entry['version']}, Python {entry['python']}, {entry['date']}, {busy}."
+
+
+def disturbed(tools):
+    """Say which wall times are too long, because the processor worked for other programs meanwhile."""
+    names = []
+    for tool, entry in tools.items():
+        runs = [run for run in entry["runs"] if run["status"] == "right"]
+        if any(total(run, "processor") < 0.8 * total(run) for run in runs):
+            names.append(tool)
+    if not names:
+        return []
+    listing = ", ".join(names)
+    return [
+        "",
+        f"**The machine was busy with other programs: the wall times of {listing} are too long.** Compare the",
+        "processor times, take no run as too slow that was stopped, and repeat the command on an idle machine.",
+    ]
 
 
 def row(tool, run, entry):
