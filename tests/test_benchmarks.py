@@ -74,3 +74,9 @@ def test_a_peer_that_is_absent_is_said_to_be_absent():
     text = page.text(results(cartpend_dae=entry(run(10, 0.1)), jaxonomy=entry(version=None)))
     assert "jaxonomy: absent, because it is not installed" in text
     assert "| jaxonomy | – | – | – |" in text
+
+
+def test_a_machine_that_was_busy_is_not_held_against_a_tool():
+    waited = {"import": 5.0, "build": 0.0, "assemble": 1.0, "simulate": 0.0}
+    text = page.text(results(cartpend_dae=entry(run(10, 1.0)), rumoca=entry(run(10, 2.0, processor=waited))))
+    assert "the wall times of rumoca are too long" in text

@@ -14,6 +14,8 @@ where other programs kept the machine busy. Memory is the largest resident set o
 and the imports take of it stands beside it. A run is stopped at its limit of wall time, or {memory_limit:g} GB, and
 larger sizes are then not tried."""
 
+COLUMNS = ("tool", "n", "equations", "build", "assemble", "first simulation", "total", "processor")
+COLUMNS += ("peak memory", "imports", "runs", "error")
 STAGES = {
     "cartpend_dae": (
         "components in Python",
@@ -49,14 +51,15 @@ def section(results):
         "",
         f"Machine: {results['machine']}.",
         *[line for tool, entry in tools.items() for line in ["", measured_with(tool, entry)]],
+        *disturbed(tools),
         "",
         ABSENT,
         "",
-        "| tool | n | equations | build | assemble | first simulation | total | processor | peak memory | imports "
-        "| runs | error |",
-        "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
+        f"| {' | '.join(COLUMNS)} |",
+        "|---|" + "--:|" * (len(COLUMNS) - 1),
         *[row(tool, run, entry) for tool, entry in tools.items() for run in entry["runs"]],
         "",
+        "Equations are those of the flat model; for Pymoca and Jaxonomy, those that are left without aliases.",
         "The error is the largest of all positions at the end against the matrix exponential of the chain, relative to",
         "the displacement; for Pymoca it is the residual of its equations at a motion that obeys Newton's law.",
         "",
@@ -88,6 +91,23 @@ def measured_with(tool, entry):
         return f"{tool}: absent, because it is not installed in the interpreter of this run; `pip install -e .[bench]`."
     busy = f"load average {entry['load']:.1f} at the start, limit {entry['limit']:g} s"
     return f"{tool}: {entry['version']}, Python {entry['python']}, {entry['date']}, {busy}."
+
+
+def disturbed(tools):
+    """Say which wall times are too long, because the processor worked for other programs meanwhile."""
+    names = []
+    for tool, entry in tools.items():
+        runs = [run for run in entry["runs"] if run["status"] == "right"]
+        if any(total(run, "processor") < 0.8 * total(run) for run in runs):
+            names.append(tool)
+    if not names:
+        return []
+    listing = ", ".join(names)
+    return [
+        "",
+        f"**The machine was busy with other programs: the wall times of {listing} are too long.** Compare the",
+        "processor times, take no run as too slow that was stopped, and repeat the command on an idle machine.",
+    ]
 
 
 def row(tool, run, entry):
@@ -158,4 +178,4 @@ def verdict(target, found, limit, unit):
     """Return a row of the table of targets."""
     if found is None:
         return target, "not measured", "–"
-    return target, f"{found:.3g}{unit}", "yes" if found <= limit else "**no**"
+    return target, f"{found:.4g}{unit}", "yes" if found <= limit else "**no**"
