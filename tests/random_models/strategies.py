@@ -54,7 +54,7 @@ HEAT = Recipe(
 
 
 def network(random: Random, recipes: dict[str, Recipe], couplers: tuple[str, ...] = (), most_nodes: int = 9) -> Network:
-    """Return a network of some domains, of 2 to about 30 elements.
+    """Return a network of some domains, of 1 to about 30 elements.
 
     Parameters
     ----------
@@ -67,11 +67,11 @@ def network(random: Random, recipes: dict[str, Recipe], couplers: tuple[str, ...
     most_nodes
         Nodes of each domain at most.
     """
-    found: list[Element] = []
     nodes = {name: [f"{name}{k}" for k in range(random.randint(2, most_nodes))] for name in recipes}
-    for name, recipe in recipes.items():
-        found += _forest(random, recipe, nodes[name])
-        found += _across(random, recipe, nodes[name])
+    found: list[Element] = []
+    while not found:  # nodes that nothing joins, with nothing at them, are no network
+        for name, recipe in recipes.items():
+            found += _forest(random, recipe, nodes[name]) + _across(random, recipe, nodes[name])
     for _ in range(random.randint(1, 2) if couplers else 0):
         kind = random.choice(couplers)
         found.append(_element(random, kind, [random.choice(nodes[d.potential]) for _, d in KINDS[kind].ports]))
