@@ -54,7 +54,7 @@ def flatten(model: Component) -> FlatSystem:
         _declare_parameters(tables, path, component)
     inputs = connect_all(tables)
     if tables.findings:
-        raise ModelError(listed_findings(type(model).__name__, tables.findings))
+        raise ModelError(listed_findings(type(model).__name__, tables.findings)) from next(iter(tables.causes), None)
     flat = _freeze(tables, collector, inputs, type(model).__name__)
     check_balance(tables, flat)
     return flat
@@ -151,6 +151,7 @@ def _collect(tables: Gathered, collector: Collector, path: str, component: Compo
     tables.own_equations[path] += len(stated.residuals)
     tables.initials += stated.initials
     tables.findings += stated.findings
+    tables.causes += stated.causes
     connections = [(component, connection) for connection in stated.connections]
     connections += [(None, connection) for _, attached in attached_to(component).values() for connection in attached]
     for seen_from, connection in connections:

@@ -34,3 +34,4 @@ class Gathered:
     driven_inside: set[int] = field(default_factory=set)
     n_connections: int = 0
     findings: list[str] = field(default_factory=list)
+    causes: list[BaseException] = field(default_factory=list)
