@@ -55,7 +55,7 @@ def flatten(model: Component) -> FlatSystem:
     inputs = connect_all(tables)
     name = type(model).__name__
     if tables.findings:
-        raise ModelError(listed_findings(name, tables.findings))
+        raise ModelError(listed_findings(name, tables.findings)) from next(iter(tables.causes), None)
     flat = freeze(tables, collector, templates, inputs, name)
     check_balance(tables, flat)
     return flat
@@ -160,6 +160,7 @@ def _collect(tables: Gathered, collector: Collector, number: int) -> list[ca.SX]
     stated = stated_by(place.component, place.name)
     tables.initials += stated.initials
     tables.findings += stated.findings
+    tables.causes += stated.causes
     tables.connections += [(number, place.component, connection) for connection in stated.connections]
     for _, connections in attached_to(place.component).values():
         tables.connections += [(number, None, connection) for connection in connections]

@@ -117,3 +117,4 @@ class Gathered:
     driven_inside: set[int] = field(default_factory=set)
     inner_ports: set[End] = field(default_factory=set)
     findings: list[str] = field(default_factory=list)
+    causes: list[BaseException] = field(default_factory=list)

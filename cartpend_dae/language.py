@@ -134,7 +134,7 @@ def connect(*ends: Port | ca.SX) -> Connection:
                 f"write `connect(part.port, other.port)`, with parts that were made."
             )
     if len(ends) < 2:
-        raise ModelError("`connect` joins at least two ports or signals.")
+        raise ModelError("`connect` joins at least two ports or signals: name the other end as well.")
     for i, end in enumerate(ends):
         if any(_is_same(end, other) for other in ends[:i]):
             raise ModelError(f"`connect` joins {_end_name(end)} to itself: name two ports or signals.")

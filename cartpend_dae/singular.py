@@ -72,7 +72,9 @@ def check_regular(system: System, values: np.ndarray) -> None:
         sentence, cause = _dependence(aliased, equations[b], keys[b], system.names, values)
         findings.setdefault(cause or sentence, sentence)
     for rows, (key, *more) in zip(equations, keys, strict=True):
-        if not more and (sentence := _locked(aliased, rows[0], key, parameters)) is not None:
+        origin = aliased.origins[rows[0]]
+        is_constraint = origin.startswith("connection of ") and f"derivative of {origin}" in row_of
+        if not more and is_constraint and (sentence := _locked(aliased, rows[0], key, parameters)) is not None:
             findings.setdefault(sentence, sentence)
     if findings:
         raise StructureError(listed_findings(system.name, list(findings.values())))
@@ -213,7 +215,9 @@ def _matrix(
 ) -> np.ndarray:
     entries = _entries(aliased, list(equations), list(keys), parameters)
     matrix = np.zeros((len(equations), len(keys)))
-    matrix[entries.rows, entries.columns] = np.nan_to_num(entries.values, posinf=0.0, neginf=0.0)
+    is_rounding = np.abs(entries.values) <= entries.changes * _ROUNDING / _STEP
+    values = np.where(is_rounding, 0.0, entries.values)
+    matrix[entries.rows, entries.columns] = np.nan_to_num(values, posinf=0.0, neginf=0.0)
     return matrix
 
 
@@ -246,19 +250,20 @@ def _settings(
 
 
 def _locked(aliased: AliasedSystem, equation: int, key: Key, parameters: np.ndarray) -> str | None:
-    """Return the sentence for parts joined by rigid ones of different ratios, which hold each other at 0."""
+    """Return the sentence for a rigid loop whose ratios differ; None for what is no loop.
+
+    Around a loop the factor of the unknown is a difference of ratios; along a chain to a wall, which may well stand
+    still, it is a product.
+    """
     flat = aliased.flat
     origin = aliased.origins[equation]
-    if (
-        origin.startswith("derivative of ")
-        or ": equal " not in origin
-        or f"derivative of {origin}" not in aliased.origins
-    ):
-        return None
     position = {key: k for k, key in enumerate(aliased.keys)}
     used = {symbol.element_hash() for symbol in ca.symvar(aliased.residual[equation])}
     moving = ca.vertsplit(ca.vertcat(aliased.symbols, flat.time, flat.frictions.force))
     if {s.element_hash() for s in moving} & used != {aliased.symbols[position[key]].element_hash()}:
+        return None
+    factor = ca.jacobian(aliased.residual[equation], aliased.symbols[position[key]])
+    if factor.op() not in (ca.OP_ADD, ca.OP_SUB):
         return None
     at = _settings(aliased, [equation], [key], parameters)
     classes = dict(flat.components)
@@ -267,7 +272,7 @@ def _locked(aliased: AliasedSystem, equation: int, key: Key, parameters: np.ndar
         i for i, variable in enumerate(flat.variables) if variable.name.rpartition(".")[0].rpartition(".")[0] in owners
     ]
     return (
-        f"{origin} holds only where `{flat.variables[key[0]].name}` stays at 0, at "
+        f"{origin} holds only where `{flat.variables[key[0]].name}` stands still, at "
         f"{listed([f'{name} = {value:g}' for name, value in at.items()], ', ')}: "
         f"{listed([f'`{path}` ({classes[path]})' for path in owners], ', ')} lock each other; remove one of them, or "
         f"put {domain_of(flat, members).compliance} between them."

@@ -43,13 +43,17 @@ def statements_of(component: Component, where: str) -> Iterator[Statement]:
 
 @dataclass(frozen=True, slots=True)
 class Stated:
-    """What a component states: residuals of its equations, initial equations, connections, and what is wrong."""
+    """What a component states: residuals of its equations, initial equations, connections, and what is wrong.
+
+    `causes` are the errors of the author's code behind the findings.
+    """
 
     residuals: list[ca.SX] = field(default_factory=list)
     origins: list[str] = field(default_factory=list)
     initials: list[tuple[str, Initial]] = field(default_factory=list)
     connections: list[Connection] = field(default_factory=list)
     findings: list[str] = field(default_factory=list)
+    causes: list[BaseException] = field(default_factory=list)
 
 
 def stated_by(component: Component, where: str) -> Stated:
@@ -67,6 +71,7 @@ def stated_by(component: Component, where: str) -> Stated:
             _sort_in(stated, where, count, statement, statements)
     except CartpendError as error:
         stated.findings.append(str(error))
+        stated.causes.append(error.__cause__ or error)
     stated.findings.extend(nan_findings(stated.residuals, stated.origins))
     return stated
 

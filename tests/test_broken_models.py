@@ -42,5 +42,20 @@ def test_the_message_ends_like_a_sentence(case):
     assert message_of(case).endswith(ENDS)
 
 
+@pytest.mark.parametrize(
+    ("case", "cause"),
+    [
+        (statements.python_if_on_a_symbol, RuntimeError),
+        (authors.error_of_python, ZeroDivisionError),
+        (authors.port_misspelt_in_connect, AttributeError),
+    ],
+    ids=lambda value: value.__name__ if isinstance(value, type) else value.name,
+)
+def test_the_error_of_python_stays_the_cause(case, cause):
+    with pytest.raises(case.error) as caught:
+        case.make()
+    assert isinstance(caught.value.__cause__, cause)
+
+
 def test_the_corpus_is_large_enough_and_each_case_has_a_name_of_its_own():
     assert len({case.name for case in CASES}) == len(CASES) >= 140

@@ -15,6 +15,7 @@ from cartpend_dae import (
     ModelError,
     Param,
     SolverError,
+    StructureError,
     assemble,
     connect,
     der,
@@ -352,7 +353,9 @@ def test_a_parameter_set_after_construction_acts_or_is_refused():
 
 
 def test_a_mass_of_zero_is_named():
-    with pytest.raises(StructureError, match=r"does not determine `mass\.a`, whose factor in it is zero at `mass\.m` = 0"):
+    with pytest.raises(
+        StructureError, match=r"does not determine `mass\.a`, whose factor in it is zero at `mass\.m` = 0"
+    ):
         simulate(oscillator(), 1.0, parameters={"mass.m": 0.0})
 
 
