@@ -25,6 +25,7 @@ LAYERS = """
     flatten
     rows diagnose
     singular contradiction
+    chains hidden
     alias
     selection
     index
