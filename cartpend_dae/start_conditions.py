@@ -12,6 +12,7 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
+from cartpend_dae.alias import nonzeros
 from cartpend_dae.dae import regularised
 from cartpend_dae.errors import ModelError
 from cartpend_dae.quantities import is_number
@@ -53,7 +54,9 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """Conditions by rank: `function(point, u, known p, time, mode) -> (residual, jacobian)`.
+    """Conditions by rank: `function(point, u, known p, time, mode) -> (residual, slopes)`.
+
+    The slopes are the entries of the Jacobian, a csr_array of the `structure` (indices, indptr).
 
     A point holds states, algebraic variables, friction forces and `unknown` parameters (indices in p), `sizes` of
     each. The equations stand first: `n_alg` that give algebraic variables, invariants, and what gives the friction
@@ -62,6 +65,7 @@ class Conditions:
     """
 
     function: ca.Function
+    structure: tuple[np.ndarray, np.ndarray]
     ranks: np.ndarray
     names: tuple[str, ...]
     about: tuple[str, ...]
@@ -122,8 +126,10 @@ def conditions_of(system: System, request: Request, law: Law = "modes") -> Condi
     known = s.p[[i for i in range(s.p.numel()) if i not in set(unknown)], 0]
     guesses = np.array([request.unknown[name] for name in request.unknown], dtype=float)
     sizes = (s.x.numel(), s.z.numel(), force.numel() if with_forces else 0, len(unknown))
+    slopes = ca.jacobian(residual, point).T  # its columns are the rows that a csr_array holds
     return Conditions(
-        function=ca.Function("conditions", [point, s.u, known, s.time, mode], [residual, ca.jacobian(residual, point)]),
+        function=ca.Function("conditions", [point, s.u, known, s.time, mode], [ca.densify(residual), nonzeros(slopes)]),
+        structure=(np.array(slopes.sparsity().row()), np.array(slopes.sparsity().colind())),
         ranks=np.array(rows.ranks)[order],
         names=tuple(rows.names[i] for i in order),
         about=tuple(rows.about[i] for i in order),

@@ -1,10 +1,12 @@
 """Why there is no start, in the words of the model: what misses, what stands against what, what was tried."""
 
+from itertools import islice
+
 import numpy as np
 
 from cartpend_dae.start_conditions import Conditions, Rank, Request
-from cartpend_dae.start_search import ranked, search
-from cartpend_dae.start_solver import Outcome, dependence, finite_rows
+from cartpend_dae.start_search import ranked
+from cartpend_dae.start_solver import Outcome, dependence, finite_rows, first_guess, newton, shifted
 from cartpend_dae.system import System
 
 MOST_TRIALS = 20
@@ -100,8 +102,11 @@ def _conflict(conditions: Conditions, request: Request, outcome: Outcome) -> lis
     return []
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _is_solvable(conditions: Conditions, request: Request, mode: np.ndarray, without: list[int]) -> bool:
-    return search(conditions, ranked(conditions, request, mode, tuple(without)), conditions.base, []).is_solved
+    problem = ranked(conditions, request, mode, tuple(without))
+    guess = first_guess(problem, conditions.base, Rank.CALLER)
+    return any(newton(problem, point).is_solved for point in (guess, *islice(shifted(guess, conditions.scale), 4)))
 
 
 def _value(system: System, conditions: Conditions, request: Request, row: int) -> str:

@@ -30,9 +30,10 @@ def ranked(conditions: Conditions, request: Request, mode: np.ndarray, without: 
     kept = np.delete(np.arange(conditions.ranks.size), list(without))
 
     def evaluate(point: np.ndarray) -> tuple[np.ndarray, csr_array]:
-        residual, jacobian = conditions.function(point, request.u, known, request.time, mode)
-        values, slopes = np.asarray(residual).ravel(), csr_array(jacobian.sparse())
-        return (values[kept], slopes[kept]) if without else (values, slopes)
+        residual, slopes = conditions.function(point, request.u, known, request.time, mode)
+        values, entries = np.asarray(residual).ravel(), np.asarray(slopes).ravel()
+        jacobian = csr_array((entries, *conditions.structure), shape=(values.size, point.size))
+        return (values[kept], jacobian[kept]) if without else (values, jacobian)
 
     return Ranked(evaluate, conditions.ranks[kept], conditions.scale, Rank.FIXED)
 

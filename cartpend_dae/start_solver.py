@@ -129,13 +129,14 @@ def dependence(outcome: Outcome, row: int) -> np.ndarray:
     return outcome.chosen[sizes > 1e-9 * sizes.max(initial=1e-300)]
 
 
-def newton(problem: Ranked, point: np.ndarray, *, most: int = 200) -> Outcome:
+def newton(problem: Ranked, point: np.ndarray, *, most: int = 100) -> Outcome:
     """Solve by Newton's method; a step is shortened until the next one, with the same slopes, is shorter.
 
     The rows are chosen at the beginning, and again where they become singular or leave a stronger row unsolved.
     """
     residual, jacobian = problem.evaluate(point)
     chosen, last, choices, has_converged = NOTHING, np.inf, 0, not point.size
+    n_short = 0
     for _ in range(most if point.size else 0):
         if not chosen.size:
             choices += 1
@@ -160,8 +161,10 @@ def newton(problem: Ranked, point: np.ndarray, *, most: int = 200) -> Outcome:
         moved = _shortened(problem, point, step, factors, chosen)
         if moved is None:
             break
+        last, n_short = size, n_short + 1 if np.max(np.abs(moved[0] - point)) < 1e-3 * np.max(np.abs(step)) else 0
         point, residual, jacobian = moved
-        last = size
+        if n_short == 4:  # a minimum of the residuals, not a root
+            break
     return _outcome(problem, (point, residual, jacobian), chosen, has_converged)
 
 
@@ -211,7 +214,7 @@ def _shortened(
     weight = 1.0 / np.maximum(np.abs(point), problem.scale)
     size = float(np.max(np.abs(step * weight)))
     share = 1.0
-    while share > 1e-8:
+    while share > 1e-6:
         trial = point + share * step
         residual, jacobian = problem.evaluate(trial)
         if np.all(np.isfinite(residual[chosen])) and np.all(np.isfinite(jacobian[chosen].data)):
@@ -280,9 +283,9 @@ def relaxed(problem: Ranked, point: np.ndarray, rates: np.ndarray, others: np.nd
         return evaluate
 
     part = point[:n]
-    for _ in range(300):
+    for _ in range(80):
         stage = Ranked(implicit(part, width), np.zeros(n, dtype=int), problem.scale[:n], 0)
-        found = newton(stage, part, most=15)
+        found = newton(stage, part, most=8)
         if not found.is_solved:
             width /= 4
             if width < 1e-12:
@@ -305,7 +308,7 @@ def followed(problem: Ranked, point: np.ndarray, direction: float) -> np.ndarray
         return None
     scale = np.append(np.maximum(np.abs(point), problem.scale), 1.0)
     at, tangent, width = np.append(point, 0.0), np.append(np.zeros(n), direction), 0.1
-    for _ in range(400):
+    for _ in range(100):
         found = _tangent(problem, at, chosen, begin, tangent / scale**2)
         if found is None:
             return None
@@ -315,7 +318,7 @@ def followed(problem: Ranked, point: np.ndarray, direction: float) -> np.ndarray
         corrected = _corrected(problem, at + step * following, chosen, begin, following / scale**2)
         if corrected is None:
             width /= 4
-            if width < 1e-7:
+            if width < 1e-6:
                 return None
             continue
         at, tangent, width = corrected, following, width * 2
