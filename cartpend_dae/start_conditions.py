@@ -115,9 +115,9 @@ def conditions_of(system: System, request: Request, law: Law = "modes") -> Condi
     said = ca.vertcat(*rows.residuals)
     with_forces = bool(force.numel()) and any(ca.which_depends(said, force, 1, True))
     if with_forces:
-        places = s.frictions.places
-        rows.add(_law(s, mode, law), Rank.EQUATION, [f"the dry friction at `{place}`" for place in places])
-        rows.add(force, Rank.LAST, [f"the dry friction at `{place}`" for place in places])
+        labels = [f"the dry friction at `{place}`" for place in s.frictions.places]
+        for residual in (*_law(s, mode, law), force):
+            rows.add(residual, Rank.LAST if residual is force else Rank.EQUATION, labels)
     order = np.argsort(np.array(rows.ranks), kind="stable")
     residual = ca.vertcat(*rows.residuals)[order.tolist()]
     if not with_forces:
@@ -203,13 +203,17 @@ def _rates(s: System, steady: Steady) -> ca.SX:
     return ca.jtimes(values, s.x, s.ode) + ca.jtimes(values, s.time, ca.SX(1))
 
 
-def _law(s: System, mode: ca.SX, law: Law) -> ca.SX:
-    """Return what gives the friction forces, zero: sliding they have their level, stuck ones keep the speed."""
+def _law(s: System, mode: ca.SX, law: Law) -> tuple[ca.SX, ca.SX]:
+    """Return what is zero with dry friction: the speeds of what sticks, and what gives the forces.
+
+    Sliding forces have their level, those of what sticks keep the speed.
+    """
     f = s.frictions
     if law == "smooth":
-        return f.force - regularised(s, mode)
+        return ca.SX.zeros(mode.numel()), f.force - regularised(s, mode)
     rate = ca.jtimes(f.speed, s.x, s.ode) + ca.jacobian(f.speed, s.time)
-    return ca.if_else(mode == 0, rate, f.force - ca.if_else(mode > 0, f.level_pos, -f.level_neg))
+    slides = f.force - ca.if_else(mode > 0, f.level_pos, -f.level_neg)
+    return ca.if_else(mode == 0, f.speed, 0), ca.if_else(mode == 0, rate, slides)
 
 
 def _scale(s: System, guesses: np.ndarray, n_forces: int) -> np.ndarray:

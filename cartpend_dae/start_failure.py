@@ -29,7 +29,7 @@ def failure_sentence(
     missing = "; ".join(f"{conditions.names[i]} misses by {abs(outcome.residual[i]):.3g}" for i in broken[:8])
     if outcome.has_converged and request.steady and any(conditions.ranks[i] == Rank.STEADY for i in broken):
         return _no_rest(system, conditions, outcome, broken)
-    conflict = _conflict(conditions, request, outcome)
+    conflict = _conflict(conditions, request, outcome) if broken else []
     if len(conflict) == 1:
         return (
             f"{system.name}: the start values contradict each other or the equations: {missing}. "
@@ -44,7 +44,7 @@ def failure_sentence(
         )
     what = "steady state" if request.steady else "consistent start"
     return (
-        f"{system.name}: no {what} was found: {missing or 'the steps do not converge'}. "
+        f"{system.name}: no {what} was found: {missing or 'the modes of dry friction do not settle'}. "
         f"Tried: {_listed(tried)}. Give start values near a solution, or check whether there is one."
     )
 

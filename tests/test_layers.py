@@ -29,6 +29,7 @@ LAYERS = """
     dae
     events
     start_conditions start_solver
+    start_paths
     start_search
     start_failure
     initialize
