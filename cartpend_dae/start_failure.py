@@ -33,7 +33,7 @@ def failure_sentence(
     if len(conflict) == 1:
         return (
             f"{system.name}: the start values contradict each other or the equations: {missing}. "
-            f"The equations alone rule out {_value(system, conditions, request, conflict[0])}; drop or change it."
+            f"The equations alone rule out {_value(system, conditions, request, conflict[0])}. Drop one of the two."
         )
     if conflict:
         others = _listed([conditions.names[i] for i in conflict if i not in broken])
