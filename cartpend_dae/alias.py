@@ -42,7 +42,10 @@ def alias(flat: FlatSystem) -> AliasedSystem:
     merger = Merger(linear_rows(flat), _ranks(flat), set(flat.inputs), partial(present_value, flat))
     merger.join_all()
     hidden: dict[int, Row] = {}
-    while found := hidden_rows(merger.open_rows(), _not_algebraic(flat, merger.chains)):
+    n_used = -1
+    while n_used < len(merger.used):
+        n_used = len(merger.used)
+        found = hidden_rows(merger.open_rows(), _not_algebraic(flat, merger.chains))
         hidden |= {row.equation: row for row in found}
         merger.replace(found)
     if merger.contradictions:

@@ -25,7 +25,7 @@ Terms = dict[Key, int | Fraction]
 
 
 def hidden_rows(rows: Sequence[Row], fixed: set[int]) -> list[Row]:
-    """Return sums of equations that hold no algebraic variable any more, each in place of one of its equations.
+    """Return sums of equations in which more cancels than one variable, each in place of one of its equations.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def hidden_rows(rows: Sequence[Row], fixed: set[int]) -> list[Row]:
 
 
 def _eliminate(terms: list[Terms], constants: list[Coefficient], is_algebraic: Callable[[Key], bool]) -> list[int]:
-    """Eliminate algebraic variables in place, short rows first; return the rows that have none left."""
+    """Eliminate algebraic variables in place, short rows first; return the rows in which others cancelled as well."""
     algebraic = [{key for key in row if is_algebraic(key)} for row in terms]
     holders: dict[Key, set[int]] = {}
     for i, keys in enumerate(algebraic):
@@ -61,21 +61,22 @@ def _eliminate(terms: list[Terms], constants: list[Coefficient], is_algebraic: C
     queue = [(len(keys), i) for i, keys in enumerate(algebraic)]
     heapify(queue)
     done: set[int] = set()
-    found: list[int] = []
+    found: set[int] = set()
     while queue:
         length, i = heappop(queue)
         if i in done or length != len(algebraic[i]):
             continue
         done.add(i)
-        if not length:
-            found.append(i)
+        shared = [key for key in algebraic[i] if len(holders[key]) > 1]
+        if not shared:
             continue
-        pivot = min(algebraic[i], key=lambda key: (len(holders[key]), key))
+        pivot = min(shared, key=lambda key: (len(holders[key]), key))
         for key in algebraic[i]:
             holders[key].discard(i)
         for k in holders.pop(pivot):
             ratio = Fraction(terms[k][pivot]) / terms[i][pivot]
-            _subtract(terms[k], terms[i], ratio)
+            if _subtract(terms[k], terms[i], ratio) > 1:
+                found.add(k)
             constants[k] = _less(constants[k], ratio, constants[i])
             new = {key for key in terms[k] if is_algebraic(key)}
             for key in algebraic[k] - new - {pivot}:
@@ -84,16 +85,20 @@ def _eliminate(terms: list[Terms], constants: list[Coefficient], is_algebraic: C
                 holders[key].add(k)
             algebraic[k] = new
             heappush(queue, (len(new), k))
-    return found
+    return sorted(found)
 
 
-def _subtract(target: Terms, row: Terms, ratio: Fraction) -> None:
+def _subtract(target: Terms, row: Terms, ratio: Fraction) -> int:
+    """Subtract a multiple of a row in place; return how many terms cancelled."""
+    n_cancelled = 0
     for key, value in row.items():
         new = target.get(key, 0) - ratio * value
         if new:
             target[key] = int(new) if new == int(new) else new
         else:
             target.pop(key, None)
+            n_cancelled += 1
+    return n_cancelled
 
 
 def _less(constant: Coefficient, ratio: Fraction, other: Coefficient) -> Coefficient:

@@ -108,10 +108,12 @@ def find_start(system: System, request: Request) -> Found:
     """
     conditions = conditions_of(system, request)
     n_x, n_z, n_f, _ = conditions.sizes
-    mode, tried = np.zeros(len(system.frictions.places)), []
-    outcome = search(conditions, ranked(conditions, request, mode), conditions.base, tried)
+    tried: list[str] = []
     if n_f:
-        outcome = with_friction(system, request, conditions, outcome, tried)
+        outcome = with_friction(system, request, conditions, tried)
+    else:
+        free = ranked(conditions, request, np.zeros(len(system.frictions.places)))
+        outcome = search(conditions, free, conditions.base, tried)
     if not outcome.is_solved:
         raise SolverError(failure_sentence(system, request, conditions, outcome, tried))
     p = np.array(request.p, dtype=float)

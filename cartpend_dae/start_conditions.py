@@ -12,6 +12,7 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
+from cartpend_dae.alias import nonzeros
 from cartpend_dae.dae import regularised
 from cartpend_dae.errors import ModelError
 from cartpend_dae.quantities import is_number
@@ -53,7 +54,9 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """Conditions by rank: `function(point, u, known p, time, mode) -> (residual, jacobian)`.
+    """Conditions by rank: `function(point, u, known p, time, mode) -> (residual, slopes)`.
+
+    The slopes are the entries of the Jacobian, a csr_array of the `structure` (indices, indptr).
 
     A point holds states, algebraic variables, friction forces and `unknown` parameters (indices in p), `sizes` of
     each. The equations stand first: `n_alg` that give algebraic variables, invariants, and what gives the friction
@@ -62,6 +65,7 @@ class Conditions:
     """
 
     function: ca.Function
+    structure: tuple[np.ndarray, np.ndarray]
     ranks: np.ndarray
     names: tuple[str, ...]
     about: tuple[str, ...]
@@ -111,9 +115,9 @@ def conditions_of(system: System, request: Request, law: Law = "modes") -> Condi
     said = ca.vertcat(*rows.residuals)
     with_forces = bool(force.numel()) and any(ca.which_depends(said, force, 1, True))
     if with_forces:
-        places = s.frictions.places
-        rows.add(_law(s, mode, law), Rank.EQUATION, [f"the dry friction at `{place}`" for place in places])
-        rows.add(force, Rank.LAST, [f"the dry friction at `{place}`" for place in places])
+        labels = [f"the dry friction at `{place}`" for place in s.frictions.places]
+        for residual in (*_law(s, mode, law), force):
+            rows.add(residual, Rank.LAST if residual is force else Rank.EQUATION, labels)
     order = np.argsort(np.array(rows.ranks), kind="stable")
     residual = ca.vertcat(*rows.residuals)[order.tolist()]
     if not with_forces:
@@ -122,8 +126,10 @@ def conditions_of(system: System, request: Request, law: Law = "modes") -> Condi
     known = s.p[[i for i in range(s.p.numel()) if i not in set(unknown)], 0]
     guesses = np.array([request.unknown[name] for name in request.unknown], dtype=float)
     sizes = (s.x.numel(), s.z.numel(), force.numel() if with_forces else 0, len(unknown))
+    slopes = ca.jacobian(residual, point).T  # its columns are the rows that a csr_array holds
     return Conditions(
-        function=ca.Function("conditions", [point, s.u, known, s.time, mode], [residual, ca.jacobian(residual, point)]),
+        function=ca.Function("conditions", [point, s.u, known, s.time, mode], [ca.densify(residual), nonzeros(slopes)]),
+        structure=(np.array(slopes.sparsity().row()), np.array(slopes.sparsity().colind())),
         ranks=np.array(rows.ranks)[order],
         names=tuple(rows.names[i] for i in order),
         about=tuple(rows.about[i] for i in order),
@@ -197,13 +203,17 @@ def _rates(s: System, steady: Steady) -> ca.SX:
     return ca.jtimes(values, s.x, s.ode) + ca.jtimes(values, s.time, ca.SX(1))
 
 
-def _law(s: System, mode: ca.SX, law: Law) -> ca.SX:
-    """Return what gives the friction forces, zero: sliding they have their level, stuck ones keep the speed."""
+def _law(s: System, mode: ca.SX, law: Law) -> tuple[ca.SX, ca.SX]:
+    """Return what is zero with dry friction: the speeds of what sticks, and what gives the forces.
+
+    Sliding forces have their level, those of what sticks keep the speed.
+    """
     f = s.frictions
     if law == "smooth":
-        return f.force - regularised(s, mode)
+        return ca.SX.zeros(mode.numel()), f.force - regularised(s, mode)
     rate = ca.jtimes(f.speed, s.x, s.ode) + ca.jacobian(f.speed, s.time)
-    return ca.if_else(mode == 0, rate, f.force - ca.if_else(mode > 0, f.level_pos, -f.level_neg))
+    slides = f.force - ca.if_else(mode > 0, f.level_pos, -f.level_neg)
+    return ca.if_else(mode == 0, f.speed, 0), ca.if_else(mode == 0, rate, slides)
 
 
 def _scale(s: System, guesses: np.ndarray, n_forces: int) -> np.ndarray:

@@ -1,10 +1,12 @@
 """Why there is no start, in the words of the model: what misses, what stands against what, what was tried."""
 
+from itertools import islice
+
 import numpy as np
 
 from cartpend_dae.start_conditions import Conditions, Rank, Request
-from cartpend_dae.start_search import ranked, search
-from cartpend_dae.start_solver import Outcome, dependence, finite_rows
+from cartpend_dae.start_search import ranked
+from cartpend_dae.start_solver import Outcome, dependence, finite_rows, first_guess, newton, shifted
 from cartpend_dae.system import System
 
 MOST_TRIALS = 20
@@ -27,11 +29,11 @@ def failure_sentence(
     missing = "; ".join(f"{conditions.names[i]} misses by {abs(outcome.residual[i]):.3g}" for i in broken[:8])
     if outcome.has_converged and request.steady and any(conditions.ranks[i] == Rank.STEADY for i in broken):
         return _no_rest(system, conditions, outcome, broken)
-    conflict = _conflict(conditions, request, outcome)
+    conflict = _conflict(conditions, request, outcome) if broken else []
     if len(conflict) == 1:
         return (
             f"{system.name}: the start values contradict each other or the equations: {missing}. "
-            f"The equations alone rule out {_value(system, conditions, request, conflict[0])}; drop or change it."
+            f"The equations alone rule out {_value(system, conditions, request, conflict[0])}. Drop one of the two."
         )
     if conflict:
         others = _listed([conditions.names[i] for i in conflict if i not in broken])
@@ -42,7 +44,7 @@ def failure_sentence(
         )
     what = "steady state" if request.steady else "consistent start"
     return (
-        f"{system.name}: no {what} was found: {missing or 'the steps do not converge'}. "
+        f"{system.name}: no {what} was found: {missing or 'the modes of dry friction do not settle'}. "
         f"Tried: {_listed(tried)}. Give start values near a solution, or check whether there is one."
     )
 
@@ -100,8 +102,11 @@ def _conflict(conditions: Conditions, request: Request, outcome: Outcome) -> lis
     return []
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _is_solvable(conditions: Conditions, request: Request, mode: np.ndarray, without: list[int]) -> bool:
-    return search(conditions, ranked(conditions, request, mode, tuple(without)), conditions.base, []).is_solved
+    problem = ranked(conditions, request, mode, tuple(without))
+    guess = first_guess(problem, conditions.base, Rank.CALLER)
+    return any(newton(problem, point).is_solved for point in (guess, *islice(shifted(guess, conditions.scale), 4)))
 
 
 def _value(system: System, conditions: Conditions, request: Request, row: int) -> str:

@@ -9,18 +9,8 @@ from scipy.sparse import csr_array
 
 from cartpend_dae.events import friction_events
 from cartpend_dae.start_conditions import Conditions, Rank, Request, conditions_of
-from cartpend_dae.start_solver import (
-    Outcome,
-    Ranked,
-    finite_rows,
-    first_guess,
-    followed,
-    independent,
-    is_met,
-    newton,
-    relaxed,
-    shifted,
-)
+from cartpend_dae.start_paths import followed, relaxed
+from cartpend_dae.start_solver import Outcome, Ranked, finite_rows, first_guess, independent, is_met, newton, shifted
 from cartpend_dae.system import System
 
 
@@ -30,9 +20,10 @@ def ranked(conditions: Conditions, request: Request, mode: np.ndarray, without: 
     kept = np.delete(np.arange(conditions.ranks.size), list(without))
 
     def evaluate(point: np.ndarray) -> tuple[np.ndarray, csr_array]:
-        residual, jacobian = conditions.function(point, request.u, known, request.time, mode)
-        values, slopes = np.asarray(residual).ravel(), csr_array(jacobian.sparse())
-        return (values[kept], slopes[kept]) if without else (values, slopes)
+        residual, slopes = conditions.function(point, request.u, known, request.time, mode)
+        values, entries = np.asarray(residual).ravel(), np.asarray(slopes).ravel()
+        jacobian = csr_array((entries, *conditions.structure), shape=(values.size, point.size))
+        return (values[kept], jacobian[kept]) if without else (values, jacobian)
 
     return Ranked(evaluate, conditions.ranks[kept], conditions.scale, Rank.FIXED)
 
@@ -105,41 +96,50 @@ def _other_ways(
         yield "shifted guesses", lambda point=point: point
 
 
-def with_friction(
-    system: System, request: Request, conditions: Conditions, outcome: Outcome, tried: list[str]
-) -> Outcome:
-    """Find modes of dry friction (backward, stuck, forward) and a start that agree; first by the modes themselves.
+def with_friction(system: System, request: Request, conditions: Conditions, tried: list[str]) -> Outcome:
+    """Find modes of dry friction (backward, stuck, forward) and a start that agree, beginning with those of the guess.
 
     Where they do not settle the friction is smoothed, less and less, and the modes are taken from there.
     """
-    n_x, n_z = conditions.sizes[:2]
-    arguments = [system.time, system.x, system.z, system.u, system.p]
-    speed, settle = ca.Function("speed", arguments, [system.frictions.speed]), friction_events(system).settle
-
-    def modes_at(point: np.ndarray, near: float) -> np.ndarray:
-        x, z, p = point[:n_x], point[n_x : n_x + n_z], np.array(request.p, dtype=float)
-        p[list(conditions.unknown)] = point[sum(conditions.sizes[:3]) :]
-        speeds = np.asarray(speed(request.time, x, z, request.u, p)).ravel()
-        signs = np.where(np.abs(speeds) > near, np.sign(speeds), 0.0)
-        return np.asarray(settle(request.time, x, signs, z, request.u, p)[1]).ravel()
-
-    def agreed(found: Outcome, near: float) -> Outcome | None:
-        mode = modes_at(found.point, near)
-        for _ in range(2 * mode.size + 3):
-            found = search(conditions, ranked(conditions, request, mode), found.point, tried)
-            settled = modes_at(found.point, 1e-9)
-            if not found.is_solved or np.array_equal(settled, mode):
-                return found if found.is_solved else None
-            mode = settled
-        return None
-
-    done = agreed(outcome, 1e-9)
-    if done is not None:
+    n_f = len(system.frictions.places)
+    free = ranked(conditions, request, np.zeros(n_f))
+    done = _agreed(system, request, conditions, (first_guess(free, conditions.base, Rank.CALLER), 1e-9), tried)
+    if done.is_solved:
         return done
     tried.append("smoothed dry friction")
-    smooth = conditions_of(system, request, "smooth")
+    smooth, point = conditions_of(system, request, "smooth"), conditions.base
     for sharpness in 10.0 ** np.arange(0, -7, -1):
-        problem = ranked(smooth, request, np.full(len(system.frictions.places), sharpness))
-        outcome = search(smooth, problem, outcome.point, tried)
-    done = agreed(outcome, 1e-5)
-    return done if done is not None else replace(outcome, has_converged=False)
+        outcome = search(smooth, ranked(smooth, request, np.full(n_f, sharpness)), point, tried)
+        if not outcome.is_solved:
+            return done
+        point = outcome.point
+    return _agreed(system, request, conditions, (point, 1e-5), tried)
+
+
+def _agreed(
+    system: System, request: Request, conditions: Conditions, begin: tuple[np.ndarray, float], tried: list[str]
+) -> Outcome:
+    """Repeat a search with the modes of its last outcome until they stay; `begin` is a point and a speed of rest."""
+    mode = _modes(system, request, conditions, *begin)
+    found = search(conditions, ranked(conditions, request, mode), begin[0], tried)
+    for _ in range(2 * mode.size + 3):
+        if not found.is_solved:
+            return found
+        settled = _modes(system, request, conditions, found.point, 1e-9)
+        if np.array_equal(settled, mode):
+            return found
+        mode = settled
+        found = search(conditions, ranked(conditions, request, mode), found.point, tried)
+    return replace(found, has_converged=False)
+
+
+def _modes(system: System, request: Request, conditions: Conditions, point: np.ndarray, near: float) -> np.ndarray:
+    """Return the modes of dry friction at a point, those slower than `near` at rest."""
+    n_x, n_z, n_f, _ = conditions.sizes
+    x, z, p = point[:n_x], point[n_x : n_x + n_z], np.array(request.p, dtype=float)
+    p[list(conditions.unknown)] = point[n_x + n_z + n_f :]
+    arguments = [system.time, system.x, system.z, system.u, system.p]
+    speed = ca.Function("speed", arguments, [system.frictions.speed])
+    speeds = np.asarray(speed(request.time, x, z, request.u, p)).ravel()
+    signs = np.where(np.abs(speeds) > near, np.sign(speeds), 0.0)
+    return np.asarray(friction_events(system).settle(request.time, x, signs, z, request.u, p)[1]).ravel()

@@ -1,13 +1,8 @@
 """Ranked nonlinear equations: the first that are independent, as many as there are unknowns, are solved.
 
-Damped Newton first. Where it fails, other ways lead to a point from which it does not: implicit Euler steps to a
-rest, the zero path of r(v) = (1 - lambda) r(v_0) followed around its turning points, and shifted guesses.
-
 References
 ----------
 P. Deuflhard, Newton Methods for Nonlinear Problems (2004), doi:10.1007/978-3-642-23899-4 (natural monotonicity).
-C. T. Kelley, D. E. Keyes, SIAM J. Numer. Anal. 35 (1998), 508-523, doi:10.1137/S0036142996304796 (implicit Euler).
-E. L. Allgower, K. Georg, Numerical Continuation Methods (1990), doi:10.1007/978-3-642-61257-2 (the path).
 """
 
 from collections.abc import Callable, Iterator
@@ -15,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array, diags_array, hstack, vstack
+from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 Sparse = Any  # a scipy csr_array: scipy ships no types for its slices
@@ -114,13 +109,13 @@ def first_guess(problem: Ranked, base: np.ndarray, from_rank: int) -> np.ndarray
     bent = np.flatnonzero(jacobian.data != other.data)
     is_linear[np.searchsorted(jacobian.indptr, bent, side="right") - 1] = False
     rows = independent(jacobian, is_linear & (problem.ranks >= from_rank))
-    factors = _factors(jacobian[rows])
+    factors = factors_of(jacobian[rows])
     return base if factors is None else base - factors.solve(residual[rows])
 
 
 def dependence(outcome: Outcome, row: int) -> np.ndarray:
     """Return the chosen rows of which a row is a linear combination."""
-    factors = _factors(outcome.jacobian[outcome.chosen].T)
+    factors = factors_of(outcome.jacobian[outcome.chosen].T)
     line = outcome.jacobian[[row]].toarray().ravel()
     if factors is None or not np.all(np.isfinite(line)):
         return NOTHING
@@ -129,18 +124,19 @@ def dependence(outcome: Outcome, row: int) -> np.ndarray:
     return outcome.chosen[sizes > 1e-9 * sizes.max(initial=1e-300)]
 
 
-def newton(problem: Ranked, point: np.ndarray, *, most: int = 200) -> Outcome:
+def newton(problem: Ranked, point: np.ndarray, *, most: int = 100) -> Outcome:
     """Solve by Newton's method; a step is shortened until the next one, with the same slopes, is shorter.
 
     The rows are chosen at the beginning, and again where they become singular or leave a stronger row unsolved.
     """
     residual, jacobian = problem.evaluate(point)
     chosen, last, choices, has_converged = NOTHING, np.inf, 0, not point.size
+    n_short = 0
     for _ in range(most if point.size else 0):
         if not chosen.size:
             choices += 1
             chosen = independent(jacobian, finite_rows(residual, jacobian))
-        factors = _factors(jacobian[chosen]) if np.all(np.isfinite(residual[chosen])) else None
+        factors = factors_of(jacobian[chosen]) if np.all(np.isfinite(residual[chosen])) else None
         if factors is None:
             if choices > 20 or not _moved(chosen, jacobian, residual):
                 break
@@ -160,12 +156,14 @@ def newton(problem: Ranked, point: np.ndarray, *, most: int = 200) -> Outcome:
         moved = _shortened(problem, point, step, factors, chosen)
         if moved is None:
             break
+        last, n_short = size, n_short + 1 if np.max(np.abs(moved[0] - point)) < 1e-3 * np.max(np.abs(step)) else 0
         point, residual, jacobian = moved
-        last = size
+        if n_short == 4:  # a minimum of the residuals, not a root
+            break
     return _outcome(problem, (point, residual, jacobian), chosen, has_converged)
 
 
-def _factors(matrix: Sparse) -> Factors:
+def factors_of(matrix: Sparse) -> Factors:
     """Return the sparse factors of a square matrix, or None if it has none."""
     if matrix.shape[0] != matrix.shape[1] or not matrix.shape[0] or not np.all(np.isfinite(matrix.data)):
         return None
@@ -211,7 +209,7 @@ def _shortened(
     weight = 1.0 / np.maximum(np.abs(point), problem.scale)
     size = float(np.max(np.abs(step * weight)))
     share = 1.0
-    while share > 1e-8:
+    while share > 1e-6:
         trial = point + share * step
         residual, jacobian = problem.evaluate(trial)
         if np.all(np.isfinite(residual[chosen])) and np.all(np.isfinite(jacobian[chosen].data)):
@@ -248,111 +246,3 @@ def shifted(point: np.ndarray, scale: np.ndarray) -> Iterator[np.ndarray]:
     for size in (1e-3, 0.1, 1.0, 10.0):
         for sign in (1.0, -1.0):
             yield point + sign * size * scale * pattern
-
-
-def relaxed(problem: Ranked, point: np.ndarray, rates: np.ndarray, others: np.ndarray) -> np.ndarray | None:
-    """Step towards a rest by implicit Euler with growing steps; return where it ends.
-
-    Parameters
-    ----------
-    problem
-        Its rows `rates` are the derivatives of the first unknowns, and `others` give the unknowns after those.
-    point
-        The beginning.
-    """
-    n_x, n = rates.size, rates.size + others.size
-    residual, _ = problem.evaluate(point)
-    if not np.all(np.isfinite(residual[rates])):
-        return None
-    fastest = float(np.max(np.abs(residual[rates]) / np.maximum(np.abs(point[:n_x]), problem.scale[:n_x]), initial=0.0))
-    width = 0.1 / max(fastest, 1e-6)
-    shift = diags_array(np.concatenate([np.ones(n_x), np.zeros(n - n_x)]))
-    rows = np.concatenate([rates, others])
-
-    def implicit(begin: np.ndarray, h: float) -> Evaluate:
-        def evaluate(part: np.ndarray) -> tuple[np.ndarray, Sparse]:
-            r, j = problem.evaluate(np.concatenate([part, point[n:]]))
-            value = r[rows] * np.where(np.arange(n) < n_x, -h, 1.0)
-            value[:n_x] += part[:n_x] - begin[:n_x]
-            factor = diags_array(np.where(np.arange(n) < n_x, -h, 1.0))
-            return value, csr_array(shift + factor @ j[rows][:, :n])
-
-        return evaluate
-
-    part = point[:n]
-    for _ in range(300):
-        stage = Ranked(implicit(part, width), np.zeros(n, dtype=int), problem.scale[:n], 0)
-        found = newton(stage, part, most=15)
-        if not found.is_solved:
-            width /= 4
-            if width < 1e-12:
-                return None
-            continue
-        moved = float(np.max(np.abs(found.point - part) / np.maximum(np.abs(part), problem.scale[:n]), initial=0.0))
-        part = found.point
-        if width > 1e9 or (moved < 1e-10 and width > 1e3):
-            break
-        width *= 1.5 if moved > 0.5 else 3.0
-    return np.concatenate([part, point[n:]])
-
-
-def followed(problem: Ranked, point: np.ndarray, direction: float) -> np.ndarray | None:
-    """Follow the path r(v) = (1 - s) r(v_0) by arc length from s = 0; return where it meets s = 1."""
-    first, jacobian = problem.evaluate(point)
-    chosen = independent(jacobian, finite_rows(first, jacobian))
-    n, begin = point.size, first[chosen]
-    if chosen.size != n or not np.all(np.isfinite(begin)):
-        return None
-    scale = np.append(np.maximum(np.abs(point), problem.scale), 1.0)
-    at, tangent, width = np.append(point, 0.0), np.append(np.zeros(n), direction), 0.1
-    for _ in range(400):
-        found = _tangent(problem, at, chosen, begin, tangent / scale**2)
-        if found is None:
-            return None
-        following = found / np.linalg.norm(found / scale)
-        # the step brings the path near s = 1, where Newton's method takes over
-        step = width if following[n] <= 0 else min(width, (1.0 - at[n]) / following[n])
-        corrected = _corrected(problem, at + step * following, chosen, begin, following / scale**2)
-        if corrected is None:
-            width /= 4
-            if width < 1e-7:
-                return None
-            continue
-        at, tangent, width = corrected, following, width * 2
-        if at[n] > 1.0 - 1e-6:
-            return at[:n]
-    return None
-
-
-def _bordered(jacobian: Sparse, begin: np.ndarray, row: np.ndarray) -> Factors:
-    return _factors(csr_array(vstack([hstack([jacobian, csr_array(begin[:, None])]), csr_array(row[None, :])])))
-
-
-def _tangent(
-    problem: Ranked, at: np.ndarray, chosen: np.ndarray, begin: np.ndarray, row: np.ndarray
-) -> np.ndarray | None:
-    _, jacobian = problem.evaluate(at[:-1])
-    factors = _bordered(jacobian[chosen], begin, row)
-    return None if factors is None else factors.solve(np.append(np.zeros(begin.size), 1.0))
-
-
-def _corrected(
-    problem: Ranked, at: np.ndarray, chosen: np.ndarray, begin: np.ndarray, row: np.ndarray
-) -> np.ndarray | None:
-    """Return to the path, at right angles to the tangent; None if four steps do not suffice."""
-    last = np.inf
-    for _ in range(5):
-        residual, jacobian = problem.evaluate(at[:-1])
-        value = residual[chosen] - (1.0 - at[-1]) * begin
-        factors = _bordered(jacobian[chosen], begin, row) if np.all(np.isfinite(value)) else None
-        if factors is None:
-            return None
-        step = factors.solve(np.append(value, 0.0))
-        at = at - step
-        size = float(np.linalg.norm(step[:-1] / np.maximum(np.abs(at[:-1]), problem.scale)))
-        if size < 1e-8:
-            return at
-        if size > 0.5 * last:
-            return None
-        last = size
-    return None

@@ -35,6 +35,7 @@ LAYERS = """
     dae
     events
     start_conditions start_solver
+    start_paths
     start_search
     start_failure
     initialize
