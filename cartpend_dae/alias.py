@@ -48,6 +48,8 @@ def alias(flat: FlatSystem) -> AliasedSystem:
         found = hidden_rows(merger.open_rows(), _not_algebraic(flat, merger.chains))
         hidden |= {row.equation: row for row in found}
         merger.replace(found)
+    merger.is_symbolic = True
+    merger.join_all()
     if merger.contradictions:
         others = sorted(merger.used - set(merger.redundant))
         raise StructureError(contradiction_sentences(flat, others, merger.contradictions))

@@ -49,7 +49,8 @@ class Merger:
     """The rows of a system while they are joined.
 
     `rank` says how gladly each variable is kept (smaller is gladder), `inputs` are never eliminated, `value` gives a
-    constant at the present parameters. Collected are the equations `used`, those that say nothing new (`redundant`)
+    constant at the present parameters. Factors that depend on parameters are taken with `is_symbolic` only: they hide
+    what cancels in sums of equations. Collected are the equations `used`, those that say nothing new (`redundant`)
     and those that read number = 0 (`contradictions`).
     """
 
@@ -57,6 +58,7 @@ class Merger:
     rank: list[Rank]
     inputs: set[int]
     value: Callable[[Coefficient], float]
+    is_symbolic: bool = False
     chains: Chains = field(default_factory=Chains)
     used: set[int] = field(default_factory=set)
     redundant: list[int] = field(default_factory=list)
@@ -96,7 +98,7 @@ class Merger:
             if not row.terms:
                 self._note_constant(row)
                 continue
-            joined = _join(row, self.chains, self.rank, self.inputs) if len(row.terms) <= 2 else None
+            joined = self._join(row) if len(row.terms) <= 2 else None
             if joined is None:
                 continue
             self.used.add(row.equation)
@@ -105,6 +107,36 @@ class Merger:
             if base != CONSTANT:
                 self.waiting[base] |= touched
             queue.extend(touched)
+
+    def _join(self, row: Row) -> int | None:
+        """Use a row of one or two terms to join a chain to another; return the variable that was eliminated."""
+        items = list(row.terms.items())
+        candidates = [
+            (position, variable)
+            for position, ((variable, order), coefficient) in enumerate(items)
+            if order == 0 and variable not in self.inputs and not isinstance(coefficient, ca.SX)
+        ]
+        if len(items) == 2 and items[0][0][0] == items[1][0][0]:
+            return None
+        if not candidates:
+            return None
+        position, variable = max(candidates, key=lambda candidate: self.rank[candidate[1]])
+        coefficient = items[position][1]
+        offset = _divide(_times(-1, row.constant), coefficient)
+        if len(items) == 1:
+            self.chains.relations[variable] = Relation(CONSTANT, 0, _ZERO, offset)
+            return variable
+        (other, order), other_coefficient = items[1 - position]
+        factor = _divide(_times(-1, other_coefficient), coefficient)
+        is_law = order > 0 or _is_state(self.rank, variable) > _is_state(self.rank, other)
+        if isinstance(factor, ca.SX) and (is_law or not self.is_symbolic):
+            # f = -m der(v) and i = (V - u)/R are laws, not other names: a state must not become a multiple of a flow
+            return None
+        if order > 0 and not isinstance(factor, ca.SX) and factor != 1:
+            # x' = -y is a law too: where y has a nonlinear one, y is the unknown to keep, not x'
+            return None
+        self.chains.relations[variable] = Relation(other, order, factor, offset)
+        return variable
 
     def _note_constant(self, row: Row) -> None:
         self.used.add(row.equation)
@@ -153,36 +185,6 @@ def reduce_row(row: Row, chains: Chains) -> None:
         terms[key] = _add(terms[key], coefficient) if key in terms else coefficient
     row.constant = constant
     row.terms = {key: value for key, value in terms.items() if not _is_zero(value)}
-
-
-def _join(row: Row, chains: Chains, rank: list[Rank], inputs: set[int]) -> int | None:
-    """Use a row of one or two terms to join a chain to another; return the variable that was eliminated."""
-    items = list(row.terms.items())
-    candidates = [
-        (position, variable)
-        for position, ((variable, order), coefficient) in enumerate(items)
-        if order == 0 and variable not in inputs and not isinstance(coefficient, ca.SX)
-    ]
-    if len(items) == 2 and items[0][0][0] == items[1][0][0]:
-        return None
-    if not candidates:
-        return None
-    position, variable = max(candidates, key=lambda candidate: rank[candidate[1]])
-    coefficient = items[position][1]
-    offset = _divide(_times(-1, row.constant), coefficient)
-    if len(items) == 1:
-        chains.relations[variable] = Relation(CONSTANT, 0, _ZERO, offset)
-        return variable
-    (other, order), other_coefficient = items[1 - position]
-    factor = _divide(_times(-1, other_coefficient), coefficient)
-    if isinstance(factor, ca.SX) and (order > 0 or _is_state(rank, variable) > _is_state(rank, other)):
-        # f = -m der(v) and i = (V - u)/R are laws, not other names: a state must not become a multiple of a flow
-        return None
-    if order > 0 and not isinstance(factor, ca.SX) and factor != 1:
-        # x' = -y is a law too: where y has a nonlinear one, y is the unknown to keep, not x'
-        return None
-    chains.relations[variable] = Relation(other, order, factor, offset)
-    return variable
 
 
 def _is_state(rank: list[Rank], variable: int) -> bool:

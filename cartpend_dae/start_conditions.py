@@ -12,10 +12,10 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from cartpend_dae.alias import nonzeros
 from cartpend_dae.dae import regularised
 from cartpend_dae.errors import ModelError
 from cartpend_dae.quantities import is_number
+from cartpend_dae.rows import nonzeros
 from cartpend_dae.system import System
 
 Law = Literal["modes", "smooth"]
