@@ -20,6 +20,7 @@ from cartpend_dae.language import (
     var,
 )
 from cartpend_dae.simulate import simulate
+from cartpend_dae.structure import structure_report
 from cartpend_dae.system import System
 
 __all__ = [
@@ -44,6 +45,7 @@ __all__ = [
     "port",
     "signal",
     "simulate",
+    "structure_report",
     "time",
     "var",
 ]

@@ -14,13 +14,14 @@ Between symbols ``==`` makes an equation. Nothing here knows how equations are s
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar, dataclass_transform, get_args
+from typing import Any, Literal, TypeVar, dataclass_transform
 
 import casadi as ca
 
 from cartpend_dae.collector import DryFriction, collector_of
 from cartpend_dae.errors import ModelError
 from cartpend_dae.quantities import (
+    STATE_SELECT,
     Declaration,
     Expression,
     Flow,
@@ -97,8 +98,8 @@ def var(
     ValueError
         For another word as `state_select`.
     """
-    if state_select not in get_args(StateSelect):
-        choices = ", ".join(f"`{choice}`" for choice in get_args(StateSelect))
+    if state_select not in STATE_SELECT:
+        choices = ", ".join(f"`{choice}`" for choice in STATE_SELECT)
         raise ValueError(f"`state_select` of a variable is one of {choices}, not {state_select!r}.")
     return Var(Declaration(unit, doc, min, max, start, None, nominal, state_select))
 

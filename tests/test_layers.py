@@ -26,7 +26,7 @@ LAYERS = """
     index
     tear
     sort merge
-    assemble
+    assemble structure
     dae
     initialize
     study_schema
