@@ -239,7 +239,6 @@ def test_explicit_methods_refuse_algebraic_variables_by_name(method):
         simulate(scalars(equations, "x", "y"), 1.0, method=method, step=0.1)
 
 
-@pytest.mark.xfail(strict=True, reason="blocks match der(x) with the law of y, and y with the equation of der(x)")
 def test_the_variable_of_the_nonlinear_equation_is_the_algebraic_one():
     def equations(self):
         yield der(self.x) == -self.y
