@@ -22,6 +22,7 @@ from cartpend_dae.language import (
 )
 from cartpend_dae.simulate import simulate
 from cartpend_dae.start_report import describe_start
+from cartpend_dae.structure import structure_report
 from cartpend_dae.system import System
 
 __all__ = [
@@ -47,6 +48,7 @@ __all__ = [
     "port",
     "signal",
     "simulate",
+    "structure_report",
     "time",
     "unknown",
     "var",

@@ -33,6 +33,7 @@ from cartpend_dae.report.text import (
 from cartpend_dae.session import Opened, Report, discover_study, identify_study, open_study
 from cartpend_dae.simulate import simulate as simulate_model
 from cartpend_dae.singular import check_regular
+from cartpend_dae.structure import structure_report
 from cartpend_dae.study import load_model, model_reference
 from cartpend_dae.system import System
 
@@ -112,10 +113,16 @@ def _common(
 def check(
     target: Target,
     flat: Annotated[bool, typer.Option("--flat", help="Show all lines of long lists.")] = False,
+    structure: Annotated[
+        bool, typer.Option("--structure", help="Show instead how the states were chosen: index, constraints, loops.")
+    ] = False,
 ) -> None:
     """Show the equations of a model, what was eliminated and what is left; for a study its parameters and runs."""
     console = _console()
     system, opened = _opened(target)
+    if structure:
+        console.print(structure_report(system), soft_wrap=True)
+        return
     console.print(describe_model(system, everything=flat), soft_wrap=True)
     if opened is None:
         check_regular(system, system.parameter_values)

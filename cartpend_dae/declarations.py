@@ -1,8 +1,8 @@
 """How the quantities and ports of a component class are declared."""
 
-from typing import Literal, get_args
+from typing import Literal
 
-from cartpend_dae.quantities import Declaration, Flow, P, Param, PortField, Signal, StateSelect, Var
+from cartpend_dae.quantities import STATE_SELECT, Declaration, Flow, P, Param, PortField, Signal, StateSelect, Var
 
 
 def param(
@@ -63,8 +63,8 @@ def var(
     ValueError
         For another word as `state_select`.
     """
-    if state_select not in get_args(StateSelect):
-        choices = ", ".join(f"`{choice}`" for choice in get_args(StateSelect))
+    if state_select not in STATE_SELECT:
+        choices = ", ".join(f"`{choice}`" for choice in STATE_SELECT)
         raise ValueError(f"`state_select` of a variable is one of {choices}, not {state_select!r}.")
     return Var(Declaration(unit, doc, min, max, start, None, nominal, state_select))
 

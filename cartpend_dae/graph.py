@@ -234,8 +234,8 @@ def tear(entries: Iterable[Pair], solvable: Iterable[Pair], size: int) -> list[P
     """Choose few unknowns of a block to be guessed, so that most others follow one by one.
 
     An equation with one unknown left gives it; an unknown that stands in one equation only follows from that in the
-    end. Where neither helps, an unknown is torn: one that no equation gives, else the one that leaves most equations
-    with one unknown, else the one in most equations.
+    end. Where neither helps, an unknown is torn: one that no equation gives, else of the shortest equation the one
+    that leaves most equations with one unknown, else the one in most equations.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ def tear(entries: Iterable[Pair], solvable: Iterable[Pair], size: int) -> list[P
             first.append(pair)
         elif pair := _lonely(((i, j) for j, rows in in_column.items() if len(rows) == 1 for i in rows), allowed):
             last.append(pair)
-        column = pair[1] if pair else max(in_column, key=lambda j: _usefulness(j, in_row, in_column, allowed))
+        column = pair[1] if pair else _torn(in_row, in_column, allowed)
         _remove(in_row, in_column, pair[0] if pair else None, column)
     return first + last[::-1]
 
@@ -280,12 +280,18 @@ def _lonely(pairs: Iterable[Pair], allowed: set[Pair]) -> Pair | None:
     return next((pair for pair in pairs if pair in allowed), None)
 
 
-def _usefulness(
-    column: int, in_row: Mapping[int, set[int]], in_column: Mapping[int, set[int]], allowed: set[Pair]
-) -> tuple[bool, int, int, int]:
-    rows = in_column[column]
-    released = sum(len(in_row[i]) == 2 and all((i, j) in allowed for j in in_row[i] - {column}) for i in rows)
-    return not any((i, column) in allowed for i in rows), released, len(rows), column
+def _torn(in_row: Mapping[int, set[int]], in_column: Mapping[int, set[int]], allowed: set[Pair]) -> int:
+    for column, rows in in_column.items():
+        if not any((i, column) in allowed for i in rows):
+            return column
+    shortest = min((js for js in in_row.values() if js), key=len)
+
+    def usefulness(column: int) -> tuple[int, int, int]:
+        rows = in_column[column]
+        released = sum(len(in_row[i]) == 2 and all((i, j) in allowed for j in in_row[i] - {column}) for i in rows)
+        return released, len(rows), column
+
+    return max(shortest, key=usefulness)
 
 
 def _remove(in_row: dict[int, set[int]], in_column: dict[int, set[int]], row: int | None, column: int) -> None:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 Expression = ca.SX | float | int
 StateSelect = Literal["never", "avoid", "default", "prefer", "always"]
+STATE_SELECT: tuple[StateSelect, ...] = get_args(StateSelect)
 
 
 P = TypeVar("P", bound="Port")
@@ -40,7 +41,7 @@ class Declaration:
     @property
     def wish(self) -> int:
         """How gladly it becomes a state, from -2 (never) over 0 (default) to 2 (always)."""
-        return get_args(StateSelect).index(self.state_select) - 2
+        return STATE_SELECT.index(self.state_select) - 2
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ their unknowns are solved here, symbolically; of the others few unknowns remain,
 
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -28,6 +29,7 @@ from cartpend_dae.system import (
     System,
     coefficient_column,
     is_literal,
+    symbolic,
 )
 from cartpend_dae.tear import jumps, tear_block
 
@@ -54,7 +56,13 @@ def sort(indexed: IndexedSystem) -> System:
     state_keys = indexed.states
     unknowns = _stack([table[key] for key in indexed.unknowns])
     labels = [names[key] for key in indexed.unknowns]
-    solved, made, nonlinear = _solve_blocks(aliased, indexed.unknowns, unknowns, labels)
+    (given, values), made, nonlinear = _solve_blocks(aliased, indexed.unknowns, unknowns, labels)
+    named = _named(aliased, indexed.unknowns, [j for _, j in nonlinear], labels)
+    solved = (
+        ca.vertcat(unknowns[list(named)], given),
+        ca.vertcat(*[value for _, _, value in named.values()], values),
+    )
+    made = tuple(_renamed(block, {labels[j]: name for j, (name, _, _) in named.items()}) for block in made)
     ode = [table[base, lower + 1] for base, lower in state_keys]
     outputs = relation_values([(relation, 0) for relation in aliased.relations], aliased.keys, aliased.symbols)
     friction = aliased.frictions
@@ -82,8 +90,8 @@ def sort(indexed: IndexedSystem) -> System:
         states=states,
         x=x,
         ode=_drawn_back(ode_x, invariants, x),
-        algebraics=tuple(labels[j] for _, j in nonlinear),
-        z=_stack([unknowns[j] for _, j in nonlinear]),
+        algebraics=tuple(named[j][0] if j in named else labels[j] for _, j in nonlinear),
+        z=_stack([named[j][1] if j in named else unknowns[j] for _, j in nonlinear]),
         alg=alg,
         inputs=input_names,
         u=inputs,
@@ -141,6 +149,30 @@ def _names(aliased: AliasedSystem) -> dict[tuple[int, int], str]:
         if key not in best or score < best[key]:
             best[key], names[key] = score, variable.name
     return names
+
+
+def _named(
+    aliased: AliasedSystem, keys: tuple[tuple[int, int], ...], wanted: list[int], labels: list[str]
+) -> dict[int, tuple[str, ca.SX, ca.SX]]:
+    """Find for unknowns without a name of their own, such as der(x), a variable that is a multiple of it.
+
+    Returns its name, a symbol for it, and the unknown written in the symbol.
+    """
+    variables = {variable.name for variable in aliased.flat.variables}
+    nameless = {keys[j]: j for j in wanted if labels[j] not in variables}
+    found: dict[int, tuple[str, ca.SX, ca.SX]] = {}
+    for variable, relation in zip(aliased.flat.variables, aliased.relations, strict=True):
+        j = nameless.get((relation.base, relation.order))
+        if j is None or j in found or isinstance(relation.factor, ca.SX) or relation.factor == 0:
+            continue
+        symbol = ca.SX.sym(variable.name)
+        found[j] = variable.name, symbol, (symbol - symbolic(relation.offset)) / symbolic(relation.factor)
+    return found
+
+
+def _renamed(block: Block, names: dict[str, str]) -> Block:
+    unknowns, tearing = (tuple(names.get(name, name) for name in group) for group in (block.unknowns, block.tearing))
+    return replace(block, unknowns=unknowns, tearing=tearing)
 
 
 def _solve_blocks(

@@ -40,6 +40,8 @@ class Torn:
 def tear_block(residual: ca.SX, unknowns: ca.SX) -> Torn:
     """Solve equations of a block for unknowns, as long as there are any that may be solved.
 
+    What would leave a Jacobian with more entries is not done: fewer unknowns would cost more than they save.
+
     Parameters
     ----------
     residual, unknowns
@@ -51,21 +53,27 @@ def tear_block(residual: ca.SX, unknowns: ca.SX) -> Torn:
         symbols = unknowns[left]
         jacobian = ca.jacobian(residual, symbols)
         entries = list(zip(*ca.jacobian_sparsity(residual, symbols).get_triplet(), strict=True))
-        by_row, by_column = _solvable(residual, symbols, jacobian)
-        order = tear(entries, by_row, len(left)) or tear(entries, by_column, len(left))
-        if not order:
-            break
-        new = [(symbols[j], _solved(residual[i], symbols[j], jacobian[i, j])) for i, j in order]
+        for solvable in _solvable(residual, symbols, jacobian):
+            order = tear(entries, solvable, len(left))
+            new = [(symbols[j], _solved(residual[i], symbols[j], jacobian[i, j])) for i, j in order]
+            rest = sorted(set(range(len(left))) - {i for i, _ in order})
+            kept = sorted(set(range(len(left))) - {j for _, j in order})
+            _, (smaller,) = ca.substitute_inplace([s for s, _ in new], [v for _, v in new], [residual[rest]])
+            if order and ca.jacobian_sparsity(smaller, symbols[kept]).nnz() <= jacobian.nnz():
+                break
+        else:
+            return Torn(tuple(definitions), tuple(equations), tuple(left))
         definitions = [(left[j], value) for (_, j), (_, value) in zip(order, new, strict=True)] + definitions
-        rest = sorted(set(range(len(left))) - {i for i, _ in order})
-        kept = sorted(set(range(len(left))) - {j for _, j in order})
-        _, (residual,) = ca.substitute_inplace([s for s, _ in new], [v for _, v in new], [residual[rest]])
+        residual = smaller
         equations, left = [equations[i] for i in rest], [left[j] for j in kept]
-    return Torn(tuple(definitions), tuple(equations), tuple(left))
+    return Torn(tuple(definitions), (), ())
 
 
-def _solvable(residual: ca.SX, symbols: ca.SX, jacobian: ca.SX) -> tuple[list[Pair], list[Pair]]:
-    """Return the entries with a number in linear equations, and those of unknowns that enter linearly everywhere."""
+def _solvable(residual: ca.SX, symbols: ca.SX, jacobian: ca.SX) -> tuple[list[Pair], list[Pair], list[Pair]]:
+    """Return the entries with a number: of unknowns that enter linearly everywhere, and of linear equations.
+
+    First come those that are both, so that unknowns are kept that enter nonlinearly anyway.
+    """
     places = list(zip(*jacobian.sparsity().get_triplet(), strict=True))
     values = nonzeros(jacobian)
     varying = set(ca.jacobian_sparsity(values, symbols).get_triplet()[0])
@@ -77,7 +85,9 @@ def _solvable(residual: ca.SX, symbols: ca.SX, jacobian: ca.SX) -> tuple[list[Pa
         for place, value in zip(places, ca.vertsplit(values), strict=True)
         if value.is_constant() and abs(float(value)) > 1e-12
     ]
-    return [p for p in numbers if p[0] not in bent_rows], [p for p in numbers if p[1] not in bent_columns]
+    by_row = [place for place in numbers if place[0] not in bent_rows]
+    by_column = [place for place in numbers if place[1] not in bent_columns]
+    return [place for place in by_row if place[1] not in bent_columns], by_column, by_row
 
 
 def _solved(equation: ca.SX, symbol: ca.SX, coefficient: ca.SX) -> ca.SX:
@@ -94,16 +104,15 @@ def jumps(residual: ca.SX, unknowns: ca.SX) -> set[Pair]:
     """
     if residual.is_smooth():
         return set()
-    found: set[Pair] = set()
-    for i, equation in enumerate(ca.vertsplit(residual)):
-        if not equation.is_smooth():
-            columns = ca.jacobian_sparsity(ca.vertcat(*_steps(equation)), unknowns).get_triplet()[1]
-            found |= {(i, j) for j in columns}
-    return found
+    steps = [(i, step) for i, equation in enumerate(ca.vertsplit(residual)) for step in _steps(equation)]
+    where = ca.jacobian_sparsity(ca.vertcat(*(step for _, step in steps)), unknowns).get_triplet()
+    return {(steps[k][0], j) for k, j in zip(*where, strict=True)}
 
 
 def _steps(equation: ca.SX) -> list[ca.SX]:
     """Return what decides about the steps of an expression: the arguments of signs and comparisons."""
+    if equation.is_smooth():
+        return []
     found: list[ca.SX] = []
     seen: set[int] = set()
     waiting = [equation]

@@ -88,6 +88,15 @@ def test_check_shows_all_equations_then_what_is_left():
     assert sum("[" in line for line in flat) == 14
 
 
+def test_check_tells_on_request_how_the_states_were_chosen():
+    result = run("check", "--structure", MODELS / "driven_cart.py")
+    assert result.stdout.startswith(
+        "DrivenCart: structural index 3 as written; 4 states and no algebraic unknowns are left"
+    )
+    assert "  rail.s = inertial.s" in result.stdout
+    assert "flat equations" not in result.stdout
+
+
 def test_check_shortens_long_lists_unless_told(tmp_path):
     short, long = (run("check", MODELS / "driven_cart.py", *flags) for flags in ((), ("--flat",)))
     assert "`--flat` shows all" in short.stdout and "`--flat`" not in long.stdout

@@ -31,7 +31,7 @@ LAYERS = """
     index
     tear
     sort merge
-    assemble
+    assemble structure
     dae
     events
     start_conditions start_solver

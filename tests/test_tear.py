@@ -79,9 +79,7 @@ def test_newtons_method_takes_the_same_steps(block):
         np.testing.assert_allclose(point, full[left], rtol=1e-7, atol=1e-7)
 
 
-def test_a_ladder_of_diodes_keeps_one_unknown_for_each_and_finds_its_currents():
-    """Torn by structure alone, one current would do, inside five exponentials; Newton's method fails on those."""
-    n, V, R = 5, 5.0, 10.0
+def ladder(n, V, R):
     source, ground = e.ConstantVoltage(V=V), e.Ground()
     resistors, diodes = [e.Resistor(R=R) for _ in range(n)], [Diode() for _ in range(n)]
     joints = [(source.pin_n, ground.pin, *(d.pin_n for d in diodes))]
@@ -89,7 +87,13 @@ def test_a_ladder_of_diodes_keeps_one_unknown_for_each_and_finds_its_currents():
         joints.append((resistors[k].pin_p, source.pin_p if k == 0 else resistors[k - 1].pin_n))
         joints.append((resistors[k].pin_n, diodes[k].pin_p))
     parts = {f"r{k}": r for k, r in enumerate(resistors)} | {f"d{k}": d for k, d in enumerate(diodes)}
-    system = assemble(joined(*joints, source=source, ground=ground, **parts))
+    return joined(*joints, source=source, ground=ground, **parts)
+
+
+def test_a_ladder_of_diodes_keeps_one_unknown_for_each_and_finds_its_currents():
+    """Torn by structure alone, one current would do, inside five exponentials; Newton's method fails on those."""
+    n, V, R = 5, 5.0, 10.0
+    system = assemble(ladder(n, V, R))
     (block,) = (block for block in system.blocks if block.how == "nonlinear")
     assert len(block.unknowns) > 2 * n
     assert len(system.algebraics) == len(block.tearing) == n
@@ -107,6 +111,14 @@ def test_a_ladder_of_diodes_keeps_one_unknown_for_each_and_finds_its_currents():
     result = simulate(system, 1.0, points=2)
     # rounding of volts, divided by resistances
     np.testing.assert_allclose(result["d4.u"], last, rtol=1e-11)
+
+
+def test_a_long_ladder_stays_sparse():
+    """One unknown for each diode would be the current of all the loops before it: 80^2/2 entries."""
+    n = 80
+    system = assemble(ladder(n, 5.0, 10.0))
+    assert len(system.algebraics) < 4 * n
+    assert ca.jacobian_sparsity(system.alg, system.z).nnz() < 10 * n
 
 
 def test_a_bridge_of_diodes_keeps_two_unknowns_and_charges_its_capacitor():
