@@ -119,7 +119,7 @@ def _substitute(
     new = relation_values(wanted, keys, stacked)
     friction = flat.frictions
     parts = [
-        flat.residual[keep],
+        flat.residual[keep, 0],
         friction.speed,
         friction.level_pos,
         friction.level_neg,

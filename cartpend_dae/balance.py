@@ -73,7 +73,7 @@ def _unused(flat: FlatSystem, place: Place) -> list[str]:
     """Return the own quantities, but for potentials, that stand in no equation of the component."""
     rows = [i for i, origin in enumerate(flat.origins) if origin.startswith(f"{place.name}: equation ")]
     arguments = ca.vertcat(flat.symbols, flat.parameter_symbols, flat.derivative_symbols)
-    used = set(ca.jacobian_sparsity(flat.residual[rows], arguments).get_triplet()[1])
+    used = set(ca.jacobian_sparsity(flat.residual[rows, 0], arguments).get_triplet()[1])
     n_variables, n_parameters = len(flat.variables), len(flat.parameters)
     used |= {i for k, (i, _) in enumerate(flat.derivatives) if n_variables + n_parameters + k in used}
     own = {name: place.variable + k for k, (name, kind, _) in enumerate(place.layout.variables) if kind != "potential"}

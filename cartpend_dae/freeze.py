@@ -144,7 +144,7 @@ def _residuals(groups: list[Group], vectors: tuple[ca.SX, ca.SX, ca.SX, ca.SX], 
 
 def pick(vector: ca.SX, indices: np.ndarray) -> ca.SX:
     """Return the elements of a vector at a matrix of indices."""
-    return ca.reshape(vector[indices.ravel(order="F").tolist()], *indices.shape)
+    return ca.reshape(vector[indices.ravel(order="F").tolist(), 0], *indices.shape)
 
 
 def _bindings(tables: Gathered) -> ca.SX:
@@ -173,7 +173,7 @@ def _check_symbols(tables: Gathered, flat: FlatSystem, used: list[tuple[int, ca.
     known |= {force.element_hash() for force in ca.vertsplit(flat.frictions.force)}
     f = flat.frictions
     frictions = ca.vertcat(f.speed, f.level_pos, f.level_neg)
-    loose = flat.residual[tables.loose_rows]  # the equations of a template hold no foreign symbols
+    loose = flat.residual[tables.loose_rows, 0]  # the equations of a template hold no foreign symbols
     parts = ca.vertcat(loose, flat.initials.residual, flat.parameter_bindings, frictions)
     origins = [flat.origins[i] for i in tables.loose_rows] + list(flat.initials.origins)
     origins += [f"what `{parameter.name}` is set to" for parameter in flat.parameters]

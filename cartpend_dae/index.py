@@ -103,11 +103,11 @@ def _reduced(aliased: AliasedSystem, bases: list[int], counts: np.ndarray, highe
     solved = [i for i in range(len(extended.origins)) if i not in set(dropped)]
     indexed = IndexedSystem(
         aliased=replace(
-            extended, residual=extended.residual[solved], origins=tuple(extended.origins[i] for i in solved)
+            extended, residual=extended.residual[solved, 0], origins=tuple(extended.origins[i] for i in solved)
         ),
         unknowns=tuple(unknowns),
         states=tuple((base, k) for base, order in tops for k in range(order) if (base, k) not in taken),
-        invariants=extended.residual[dropped] if dropped else ca.SX(0, 1),
+        invariants=extended.residual[dropped, 0] if dropped else ca.SX(0, 1),
         invariant_origins=tuple(extended.origins[i] for i in dropped),
         dummies=tuple((key, aliased.origins[i]) for key, i in dummies.items()),
         differentiated=tuple((aliased.origins[i], int(n)) for i, n in enumerate(counts) if n),

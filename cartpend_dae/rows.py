@@ -62,7 +62,7 @@ def linear_rows(flat: FlatSystem) -> list[Row]:
 def _loose_rows(flat: FlatSystem, equations: list[int]) -> Iterator[Row]:
     keys = [(i, 0) for i in range(len(flat.variables))] + list(flat.derivatives)
     unknowns = ca.vertcat(flat.symbols, flat.derivative_symbols)
-    form = _form(flat.residual[equations], unknowns, ca.vertcat(flat.frictions.force, flat.time))
+    form = _form(flat.residual[equations, 0], unknowns, ca.vertcat(flat.frictions.force, flat.time))
     symbolic = form.expressions
     elements = ca.vertsplit(form.values[symbolic]) if symbolic else []
     yield from _rows(form, [equations], [keys], elements)
@@ -123,8 +123,8 @@ def _form(residual: ca.SX, unknowns: ca.SX, other: ca.SX) -> _Form:
     linear = np.flatnonzero(~varying)
     position = {equation: k for k, equation in enumerate(linear.tolist())}
     wanted = [k for k, row in enumerate(rows.tolist()) if row in position]
-    constants = ca.substitute(residual[linear.tolist()], unknowns, ca.SX.zeros(unknowns.numel()))
-    values = ca.vertcat(coefficients[wanted], constants)
+    constants = ca.substitute(residual[linear.tolist(), 0], unknowns, ca.SX.zeros(unknowns.numel()))
+    values = ca.vertcat(coefficients[wanted, 0], constants)
     return _Form(
         equations=tuple(linear.tolist()),
         entries=tuple((position[int(rows[k])], int(columns[k])) for k in wanted),

@@ -59,7 +59,7 @@ def sort(indexed: IndexedSystem) -> System:
     (given, values), made, nonlinear = _solve_blocks(aliased, indexed.unknowns, unknowns, labels)
     named = _named(aliased, indexed.unknowns, [j for _, j in nonlinear], labels)
     solved = (
-        ca.vertcat(unknowns[list(named)], given),
+        ca.vertcat(unknowns[list(named), 0], given),
         ca.vertcat(*[value for _, _, value in named.values()], values),
     )
     made = tuple(_renamed(block, {labels[j]: name for j, (name, _, _) in named.items()}) for block in made)
@@ -96,7 +96,7 @@ def sort(indexed: IndexedSystem) -> System:
         inputs=input_names,
         u=inputs,
         parameters=tuple(aliased.flat.parameters[i] for i in parameters),
-        p=aliased.flat.parameter_symbols[parameters],
+        p=aliased.flat.parameter_symbols[parameters, 0],
         frictions=Frictions(friction.places, friction.force, speed, pos, neg),
         variables=aliased.flat.variables,
         outputs=out,
@@ -216,8 +216,8 @@ def _solve_blocks(
     solutions.append(([j for _, j in explicit], solve_explicit(aliased.residual, unknowns, jacobian, explicit)))
     place = {j: k for k, j in enumerate(j for solved, _ in solutions for j in solved)}
     order = [j for own in sequence for j in own]
-    values = ca.vertcat(*[value for _, value in solutions])[[place[j] for j in order]]
-    return (unknowns[order], values), tuple(made), nonlinear
+    values = ca.vertcat(*[value for _, value in solutions])[[place[j] for j in order], 0]
+    return (unknowns[order, 0], values), tuple(made), nonlinear
 
 
 def _check_matching(aliased: AliasedSystem, labels: list[str], match: np.ndarray) -> None:
@@ -263,7 +263,7 @@ def _without_dependent_parameters(aliased: AliasedSystem, groups: list[ca.SX]) -
     flat = aliased.flat
     independent = [i for i, q in enumerate(flat.parameters) if q.value is not None]
     dependent = [i for i, q in enumerate(flat.parameters) if q.value is None]
-    bound = (flat.parameter_symbols[dependent], flat.parameter_bindings[dependent])
+    bound = (flat.parameter_symbols[dependent, 0], flat.parameter_bindings[dependent, 0])
     return _back_substitute(bound, groups), independent
 
 

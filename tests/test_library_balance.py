@@ -12,10 +12,7 @@ from cartpend_dae import assemble, library
 from cartpend_dae.collector import Collector, collecting
 from cartpend_dae.language import (
     Component,
-    Flow,
     Initial,
-    Port,
-    Signal,
     connect,
     constructor_fields,
     parameters_of,
@@ -24,6 +21,7 @@ from cartpend_dae.language import (
     variables_of,
 )
 from cartpend_dae.library import electrical, rotational
+from cartpend_dae.quantities import Flow, Port, Signal
 from cartpend_dae.units import parse, same_dimension
 
 MODULES = [import_module(f"{library.__name__}.{found.name}") for found in pkgutil.iter_modules(library.__path__)]
