@@ -9,7 +9,7 @@ from functools import partial
 
 import casadi as ca
 
-from cartpend_dae.chains import CONSTANT, DIFFERENTIATED, Chains, Merger, Rank, reduce_row
+from cartpend_dae.chains import CONSTANT, DIFFERENTIATED, Chains, Merger, Rank
 from cartpend_dae.contradiction import contradiction_sentences
 from cartpend_dae.errors import StructureError
 from cartpend_dae.hidden import hidden_rows
@@ -41,13 +41,10 @@ def alias(flat: FlatSystem) -> AliasedSystem:
     """
     merger = Merger(linear_rows(flat), _ranks(flat), set(flat.inputs), partial(present_value, flat))
     merger.join_all()
-    hidden: dict[int, Row] = {}
     n_used = -1
     while n_used < len(merger.used):
         n_used = len(merger.used)
-        found = hidden_rows(merger.open_rows(), _not_algebraic(flat, merger.chains))
-        hidden |= {row.equation: row for row in found}
-        merger.replace(found)
+        merger.replace(hidden_rows(merger.open_rows(), _not_algebraic(flat, merger.chains)))
     merger.is_symbolic = True
     merger.join_all()
     if merger.contradictions:
@@ -55,9 +52,7 @@ def alias(flat: FlatSystem) -> AliasedSystem:
         raise StructureError(contradiction_sentences(flat, others, merger.contradictions))
     relations = tuple(merger.chains.find(i) for i in range(len(flat.variables)))
     keep = [i for i in range(len(flat.origins)) if i not in merger.used]
-    rewritten = [hidden[i] for i in keep if i in hidden]
-    for row in rewritten:
-        reduce_row(row, merger.chains)
+    rewritten = [row for row in merger.open_rows() if row.has_cancelled]
     return _substitute(flat, relations, keep, rewritten, tuple(flat.origins[i] for i in merger.redundant))
 
 

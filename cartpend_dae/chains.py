@@ -185,6 +185,7 @@ def reduce_row(row: Row, chains: Chains) -> None:
         terms[key] = _add(terms[key], coefficient) if key in terms else coefficient
     row.constant = constant
     row.terms = {key: value for key, value in terms.items() if not _is_zero(value)}
+    row.has_cancelled |= len(row.terms) < len(terms)
 
 
 def _is_state(rank: list[Rank], variable: int) -> bool:

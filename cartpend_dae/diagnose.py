@@ -132,6 +132,8 @@ def _cause(aliased: AliasedSystem, over: list[str], under: set[int]) -> str:
     potentials = [i for i in relatives if flat.variables[i].kind == "potential"]
     ports = {_parent(flat.variables[i].name) for i in potentials}
     sums = [origin for origin in over if ": sum of " in origin and ports & set(re.split("[ ,:]+", origin))]
+    if over and potentials and not sums:  # the sum itself may have been used up, and a law of the part be left
+        sums = [f"unconnected {port}:" for port in sorted(ports) if f"unconnected {port}: sum of" in _sums(flat)]
     if sums:
         return _nothing_takes_up(flat, sums, potentials)
     if potentials and (not over or any(": sum of " in origin for origin in aliased.redundant)):
@@ -150,6 +152,11 @@ def _cause(aliased: AliasedSystem, over: list[str], under: set[int]) -> str:
             f"{hint if is_circuit else ''}"
         )
     return f"a missing equation; add one that determines {missing}"
+
+
+def _sums(flat: FlatSystem) -> set[str]:
+    """Return the sums of flows at ports, without the names of the flows."""
+    return {origin.rpartition(" ")[0] for origin in flat.origins if ": sum of " in origin}
 
 
 def _nothing_takes_up(flat: FlatSystem, sums: list[str], potentials: list[int]) -> str:

@@ -48,7 +48,7 @@ def hidden_rows(rows: Sequence[Row], fixed: set[int]) -> list[Row]:
             constants.append(row.constant)
             equations.append(row.equation)
     combined = _eliminate(terms, constants, is_algebraic)
-    return [Row(equations[i], dict(terms[i]), constants[i]) for i in combined]
+    return [Row(equations[i], dict(terms[i]), constants[i], has_cancelled=True) for i in combined]
 
 
 def _eliminate(terms: list[Terms], constants: list[Coefficient], is_algebraic: Callable[[Key], bool]) -> list[int]:

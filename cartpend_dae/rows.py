@@ -16,11 +16,15 @@ from cartpend_dae.system import Coefficient, FlatSystem, Group
 
 @dataclass(slots=True)
 class Row:
-    """A linear equation: sum of coefficient * d^order(variable) + constant = 0, by (variable, order)."""
+    """A linear equation: sum of coefficient * d^order(variable) + constant = 0, by (variable, order).
+
+    `has_cancelled`: it says less than the equation it stands for seems to say, because terms of that cancel.
+    """
 
     equation: int
     terms: dict[tuple[int, int], Coefficient]
     constant: Coefficient
+    has_cancelled: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,7 +73,7 @@ def check_regular(system: System, values: np.ndarray) -> None:
         findings.setdefault(cause or sentence, sentence)
     for rows, (key, *more) in zip(equations, keys, strict=True):
         origin = aliased.origins[rows[0]]
-        is_constraint = origin.startswith("connection of ") and f"derivative of {origin}" in row_of
+        is_constraint = f"derivative of {origin}" in row_of
         if not more and is_constraint and (sentence := _locked(aliased, rows[0], key, parameters)) is not None:
             findings.setdefault(sentence, sentence)
     if findings:
@@ -263,7 +263,8 @@ def _locked(aliased: AliasedSystem, equation: int, key: Key, parameters: np.ndar
     if {s.element_hash() for s in moving} & used != {aliased.symbols[position[key]].element_hash()}:
         return None
     factor = ca.jacobian(aliased.residual[equation], aliased.symbols[position[key]])
-    if factor.op() not in (ca.OP_ADD, ca.OP_SUB):
+    function = ca.Function("factor", ca.symvar(factor), [factor])
+    if not {function.instruction_id(k) for k in range(function.n_instructions())} & {ca.OP_ADD, ca.OP_SUB}:
         return None
     at = _settings(aliased, [equation], [key], parameters)
     classes = dict(flat.components)

@@ -62,8 +62,8 @@ def test_a_bridge_of_resistors():
     text = report_of(wheatstone(1.0, 2.0, 3.0, 4.0, 5.0, V=1.0))
     assert text.startswith("Bench: structural index 1 as written; 0 states and no algebraic unknowns are left\n")
     (loop,) = section(text, "linear loops, solved symbolically")
-    assert loop.startswith("5 unknowns: ")
-    assert loop.endswith("equations: 2 of connections, 1 of r3, 1 of r4, 1 of r5")
+    assert loop.startswith("6 unknowns: ")
+    assert loop.endswith("equations: 3 of connections, 1 of r3, 1 of r4, 1 of r5")
 
 
 def test_a_circuit_with_a_diode():

@@ -221,7 +221,7 @@ def parameter_that_follows_from_others():
 
 @broken(
     StructureError,
-    r"gain\.u, gain\.y does not determine `gain\.u`, whose factor .* zero at `gain\.k` = 1\. Change `gain\.k`, or",
+    r"gain: equation 1 does not determine `gain\.u`, whose factor .* zero at `gain\.k` = 1\. Change `gain\.k`, or",
 )
 def gain_that_feeds_itself():
     gain = Gain(k=2.0)

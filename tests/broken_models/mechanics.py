@@ -35,7 +35,7 @@ def torque_on_a_gear_without_load():
 
 @broken(
     StructureError,
-    r"unconnected port: the force at `one\.flange_a`, `two\.flange_b` acts on nothing; connect it to a mass",
+    r"missing ground or body: nothing fixes the position of `one` \(Spring\), `two` \(Spring\); connect a `Fixed` or a",
 )
 def springs_without_body():
     return assemble(drive("one.flange_b two.flange_a", one=Spring(c=1.0), two=Spring(c=2.0)))
