@@ -18,7 +18,6 @@ from cartpend_dae.system import (
     AliasedSystem,
     Coefficient,
     FlatSystem,
-    Frictions,
     Initials,
     Relation,
     coefficient_column,
@@ -39,7 +38,9 @@ def alias(flat: FlatSystem) -> AliasedSystem:
     StructureError
         If two equations contradict each other.
     """
-    merger = Merger(linear_rows(flat), _ranks(flat), set(flat.inputs), partial(present_value, flat))
+    merger = Merger(
+        linear_rows(flat), _ranks(flat), {*flat.inputs, *flat.hybrid.discretes}, partial(present_value, flat)
+    )
     merger.join_all()
     n_used = -1
     while n_used < len(merger.used):
@@ -58,7 +59,7 @@ def alias(flat: FlatSystem) -> AliasedSystem:
 
 def _not_algebraic(flat: FlatSystem, chains: Chains) -> set[int]:
     """Return the bases that are inputs, or of which some derivative is named."""
-    found = {chains.find(i).base for i, _ in flat.derivatives} | set(flat.inputs)
+    found = {chains.find(i).base for i, _ in flat.derivatives} | {*flat.inputs, *flat.hybrid.discretes}
     return found | {relation.base for i in chains.relations if (relation := chains.find(i)).order > 0}
 
 
@@ -79,8 +80,8 @@ def _ranks(flat: FlatSystem) -> list[Rank]:
 
     Inputs come first, then what is or wants to be a state, of these the most wanted, and the one nearest to the root.
     """
-    kinds = {"input": 0, "variable": 1, "output": 2, "potential": 3, "flow": 4}
-    external, differentiated = set(flat.inputs), {i for i, _ in flat.derivatives}
+    kinds = {"input": 0, "discrete": 0, "variable": 1, "output": 2, "potential": 3, "flow": 4}
+    external, differentiated = {*flat.inputs, *flat.hybrid.discretes}, {i for i, _ in flat.derivatives}
     return [
         (
             -2
@@ -115,12 +116,11 @@ def _substitute(
     friction = flat.frictions
     parts = [
         flat.residual[keep, 0],
-        friction.speed,
-        friction.level_pos,
-        friction.level_neg,
         flat.initials.residual,
+        *friction.laws,
+        *flat.hybrid.laws,
     ]
-    residual, speed, level_pos, level_neg, initials = ca.substitute(parts, [old], [new])
+    residual, initials, *laws = ca.substitute(parts, [old], [new])
     at, position = {key: k for k, key in enumerate(keys)}, {equation: k for k, equation in enumerate(keep)}
     for row in rewritten:
         terms = (symbolic(value) * stacked[at[key]] for key, value in row.terms.items())
@@ -132,7 +132,8 @@ def _substitute(
         symbols=stacked,
         residual=residual,
         origins=tuple(flat.origins[i] for i in keep),
-        frictions=Frictions(friction.places, friction.force, speed, level_pos, level_neg),
+        frictions=friction.with_laws(laws[:5]),
+        hybrid=flat.hybrid.with_laws(laws[5:]),
         initials=Initials(initials, flat.initials.fixed, flat.initials.origins),
         redundant=redundant,
     )

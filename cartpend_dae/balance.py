@@ -21,7 +21,7 @@ def check_balance(tables: Gathered, flat: FlatSystem) -> None:
     ModelError
         Naming each component that is not balanced, what none of its equations uses, and what is wrong with units.
     """
-    n_unknowns = len(flat.variables) - len(flat.inputs)
+    n_unknowns = len(flat.variables) - len(flat.inputs) - len(flat.hybrid.discretes)
     findings = sorted(_local_findings(tables, flat))
     if n_unknowns == len(flat.origins) and not findings:
         return

@@ -12,17 +12,41 @@ from cartpend_dae.errors import ModelError
 
 @dataclass(frozen=True, slots=True)
 class DryFriction:
-    """A set-valued force: `level_pos` or `-level_neg` while sliding, anything between while stuck."""
+    """A set-valued force: `level_pos` or `-level_neg` while sliding, up to the static levels while stuck.
+
+    `mode` is the discrete variable that shows -1, 0 (stuck), 1 or 2 (free); None where it is not asked for.
+    """
 
     force: ca.SX
     speed: ca.SX
     level_pos: ca.SX
     level_neg: ca.SX
+    static_pos: ca.SX
+    static_neg: ca.SX
+    mode: ca.SX | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Relation:
+    """A symbol that is 1 while left < right, and 0 otherwise."""
+
+    symbol: ca.SX
+    left: ca.SX
+    right: ca.SX
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """A symbol that is 1 at the times offset + n period [s]."""
+
+    pulse: ca.SX
+    period: ca.SX
+    offset: ca.SX
 
 
 @dataclass(slots=True)
 class Collector:
-    """Derivatives and dry frictions in the order of their first use.
+    """Derivatives, dry frictions, relations and clocks in the order of their first use.
 
     `derivatives` maps the element hash of a symbol to (symbol, its derivative).
     """
@@ -30,6 +54,8 @@ class Collector:
     time: ca.SX
     derivatives: dict[int, tuple[ca.SX, ca.SX]] = field(default_factory=dict)
     frictions: list[DryFriction] = field(default_factory=list)
+    relations: list[Relation] = field(default_factory=list)
+    clocks: list[Clock] = field(default_factory=list)
 
 
 _collector: ContextVar[Collector] = ContextVar("collector")

@@ -2,7 +2,18 @@
 
 from typing import Literal
 
-from cartpend_dae.quantities import STATE_SELECT, Declaration, Flow, P, Param, PortField, Signal, StateSelect, Var
+from cartpend_dae.quantities import (
+    STATE_SELECT,
+    Declaration,
+    Discrete,
+    Flow,
+    P,
+    Param,
+    PortField,
+    Signal,
+    StateSelect,
+    Var,
+)
 
 
 def param(
@@ -67,6 +78,21 @@ def var(
         choices = ", ".join(f"`{choice}`" for choice in STATE_SELECT)
         raise ValueError(f"`state_select` of a variable is one of {choices}, not {state_select!r}.")
     return Var(Declaration(unit, doc, min, max, start, None, nominal, state_select))
+
+
+def discrete(*, unit: str, start: float = 0.0, doc: str = "") -> Discrete:
+    """Declare a variable that changes at events only.
+
+    Parameters
+    ----------
+    unit
+        SI unit; "1" for counters, modes and truth values (0 and 1).
+    start
+        Value before the first event [unit].
+    doc
+        A few words.
+    """
+    return Discrete(Declaration(unit, doc, start=start))
 
 
 def flow(*, unit: str, nominal: float | None = None, doc: str = "") -> Flow:

@@ -127,9 +127,9 @@ def _collect_all(tables: Gathered, collector: Collector) -> list[Template]:
             if template is not None:
                 _enrol(tables, template, place)
                 continue
-            n_notes = (len(collector.frictions), len(tables.initials), len(tables.connections))
+            n_notes = _n_notes(tables, collector)
             residuals = _collect(tables, collector, number)
-            is_pure = n_notes == (len(collector.frictions), len(tables.initials), len(tables.connections))
+            is_pure = n_notes == _n_notes(tables, collector)
             if key is not None and key not in templates:
                 template = templates[key] = make_template(place, residuals, collector) if is_pure else None
             if template is not None:
@@ -140,6 +140,19 @@ def _collect_all(tables: Gathered, collector: Collector) -> list[Template]:
             tables.loose_rows += range(len(tables.origins), len(tables.origins) + len(residuals))
             tables.origins += _origins(place)
     return [template for template in templates.values() if template is not None]
+
+
+def _n_notes(tables: Gathered, collector: Collector) -> tuple[int, ...]:
+    """Return the numbers of what a component states besides equations."""
+    noted = (
+        collector.frictions,
+        collector.relations,
+        collector.clocks,
+        tables.initials,
+        tables.connections,
+        tables.whens,
+    )
+    return tuple(len(notes) for notes in noted)
 
 
 def _enrol(tables: Gathered, template: Template, place: Place) -> None:
@@ -156,9 +169,11 @@ def _origins(place: Place) -> list[str]:
 def _collect(tables: Gathered, collector: Collector, number: int) -> list[ca.SX]:
     """Return the residuals of a component's equations; note its connections, starts, frictions and mistakes."""
     place = tables.places[number]
-    n_frictions = len(collector.frictions)
+    n_frictions, n_relations = len(collector.frictions), len(collector.relations)
     stated = stated_by(place.component, place.name)
     tables.initials += stated.initials
+    tables.whens += [(place.name, statement) for statement in stated.whens]
+    tables.relation_places += [place.name] * (len(collector.relations) - n_relations)
     tables.findings += stated.findings
     tables.causes += stated.causes
     tables.connections += [(number, place.component, connection) for connection in stated.connections]

@@ -10,6 +10,7 @@ from cartpend_dae.connections import end_name
 from cartpend_dae.errors import ModelError
 from cartpend_dae.explain import listed_findings
 from cartpend_dae.gathered import Gathered
+from cartpend_dae.happenings import hybrid_of
 from cartpend_dae.quantities import is_number
 from cartpend_dae.statements import foreign_sentence, residual_of, users_of, varying_findings
 from cartpend_dae.system import FlatSystem, Frictions, Group, Initials
@@ -38,10 +39,11 @@ def freeze(
     f = _frictions(tables, collector)
     loose = _stack(tables.loose)
     initials = _stack([residual_of(i.equation, o) for o, i in tables.initials])
-    parts = [loose, initials, f.speed, f.level_pos, f.level_neg]
+    hybrid = hybrid_of(tables, collector)
+    parts = [loose, initials, *f.laws, *hybrid.laws]
     if zero:
         parts = ca.substitute(parts, [_stack(zero)], [ca.SX.zeros(len(zero))])
-    loose, initials, speed, level_pos, level_neg = parts
+    loose, initials = parts[:2]
     residual[tables.loose_rows] = loose
     bindings = _bindings(tables)
     flat = FlatSystem(
@@ -56,10 +58,11 @@ def freeze(
         parameter_bindings=bindings,
         time=collector.time,
         inputs=inputs,
-        frictions=Frictions(f.places, f.force, speed, level_pos, level_neg),
+        frictions=f.with_laws(parts[2:7]),
         residual=residual,
         origins=tuple(tables.origins),
         groups=tuple(groups),
+        hybrid=hybrid.with_laws(parts[7:]),
         initials=Initials(initials, tuple(i.fixed for _, i in tables.initials), tuple(o for o, _ in tables.initials)),
         connections=tuple(tuple(end_name(tables, end) for end in members) for members in tables.sets.sets()),  # type: ignore[arg-type]
     )
@@ -164,20 +167,26 @@ def _frictions(tables: Gathered, collector: Collector) -> Frictions:
         speed=_stack([friction.speed for _, friction in items]),
         level_pos=_stack([friction.level_pos for _, friction in items]),
         level_neg=_stack([friction.level_neg for _, friction in items]),
+        static_pos=_stack([friction.static_pos for _, friction in items]),
+        static_neg=_stack([friction.static_neg for _, friction in items]),
     )
 
 
 def _check_symbols(tables: Gathered, flat: FlatSystem, used: list[tuple[int, ca.SX]], unknown: list[Pair]) -> None:
     """Refuse symbols of components outside the model, and parameters that are set to what changes in time."""
     known = {symbol.element_hash() for _, symbol in used} | {flat.time.element_hash()}
-    known |= {force.element_hash() for force in ca.vertsplit(flat.frictions.force)}
-    f = flat.frictions
-    frictions = ca.vertcat(f.speed, f.level_pos, f.level_neg)
+    f, events = flat.frictions, flat.hybrid
+    known |= {symbol.element_hash() for symbol in ca.vertsplit(ca.vertcat(f.force, events.symbols))}
+    frictions = ca.vertcat(*f.laws)
     loose = flat.residual[tables.loose_rows, 0]  # the equations of a template hold no foreign symbols
     parts = ca.vertcat(loose, flat.initials.residual, flat.parameter_bindings, frictions)
     origins = [flat.origins[i] for i in tables.loose_rows] + list(flat.initials.origins)
     origins += [f"what `{parameter.name}` is set to" for parameter in flat.parameters]
-    origins += [f"{place}: dry friction" for place in f.places] * 3
+    origins += [f"{place}: dry friction" for place in f.places] * len(f.laws)
+    parts = ca.vertcat(parts, *events.laws)
+    origins += [f"{place}: a condition" for place in events.relation_places]
+    origins += ["a condition"] * (parts.numel() - len(origins) - len(events.actions))
+    origins += [f"{action.place}: an action at an event" for action in events.actions]
     found = [
         (f"`{symbol}`", symbol)
         for symbol in ca.symvar(parts)

@@ -7,7 +7,8 @@ import casadi as ca
 
 from cartpend_dae.graph import DisjointSets
 from cartpend_dae.language import Component, Connection, Initial, parameters_of, ports_of, variables_of
-from cartpend_dae.quantities import Declaration, Expression, Flow, Port, Signal
+from cartpend_dae.quantities import Declaration, Discrete, Expression, Flow, Port, Signal
+from cartpend_dae.switching import Assign, When
 from cartpend_dae.system import Group, Kind, Parameter, Variable
 
 
@@ -28,8 +29,8 @@ class Layout:
     @property
     def n_equations(self) -> int:
         """Number of equations that make the class balanced: own variables, output signals and port flows."""
-        n_inputs = sum(kind == "input" for _, kind, _ in self.variables)
-        return len(self.position) - n_inputs + self.n_flows
+        n_known = sum(kind in ("input", "discrete") for _, kind, _ in self.variables)
+        return len(self.position) - n_known + self.n_flows
 
 
 def layout_of(cls: type) -> Layout:
@@ -39,7 +40,9 @@ def layout_of(cls: type) -> Layout:
     for name, declared in variables_of(cls).items():
         position[name] = len(variables)
         kind: Kind = "variable"
-        if isinstance(declared, Signal):
+        if isinstance(declared, Discrete):
+            kind = "discrete"
+        elif isinstance(declared, Signal):
             kind = "input" if declared.direction == "in" else "output"
         variables.append((name, kind, declared.declaration))
     ports: dict[str, tuple[type[Port], int]] = {}
@@ -111,6 +114,8 @@ class Gathered:
     groups: list[Group] = field(default_factory=list)
     frictions: list[tuple[str, int]] = field(default_factory=list)
     initials: list[tuple[str, Initial]] = field(default_factory=list)
+    whens: list[tuple[str, When | Assign]] = field(default_factory=list)
+    relation_places: list[str] = field(default_factory=list)
     connections: list[tuple[int, Component | None, Connection]] = field(default_factory=list)
     sets: DisjointSets = field(default_factory=DisjointSets)
     signal_sets: DisjointSets = field(default_factory=DisjointSets)

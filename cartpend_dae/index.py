@@ -45,7 +45,7 @@ def reduce_index(aliased: AliasedSystem) -> IndexedSystem:
         If equations and unknowns cannot be matched, or a constraint would need the derivative of an input or
         of a dry friction force.
     """
-    inputs = set(aliased.flat.inputs)
+    inputs = {*aliased.flat.inputs, *aliased.flat.hybrid.discretes}
     wanted: dict[int, int] = {}
     for base, order in aliased.keys:
         wanted[base] = max(order, wanted.get(base, 0))
@@ -165,7 +165,7 @@ def _total_derivative(aliased: AliasedSystem, equations: list[int]) -> ca.SX:
     used = sorted(set(ca.jacobian_sparsity(residual, aliased.symbols).get_triplet()[1]))
     keys = [aliased.keys[k] for k in used]
     for base, _ in keys:
-        if base in flat.inputs:
+        if base in flat.inputs or base in flat.hybrid.discretes:
             _refuse_input_derivative(aliased, base)
     lower = ca.vertcat(*[table[key] for key in keys]) if keys else ca.SX(0, 1)
     upper = ca.vertcat(*[table[base, order + 1] for base, order in keys]) if keys else ca.SX(0, 1)

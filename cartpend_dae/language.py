@@ -20,10 +20,11 @@ from typing import TYPE_CHECKING, Any, Never, TypeVar, dataclass_transform
 import casadi as ca
 
 from cartpend_dae.collector import DryFriction, collector_of
-from cartpend_dae.declarations import flow, param, port, signal, var
+from cartpend_dae.declarations import discrete, flow, param, port, signal, var
 from cartpend_dae.errors import CartpendError, ModelError
 from cartpend_dae.explain import OF_PARTS, argument_sentence, failure_sentence, known_cause, nearest, position_sentence
 from cartpend_dae.quantities import (
+    Discrete,
     Expression,
     Param,
     Port,
@@ -36,8 +37,22 @@ from cartpend_dae.quantities import (
     is_number,
     state_of,
 )
+from cartpend_dae.switching import Assign, When
 
-__all__ = ["Component", "connect", "der", "dry_friction", "flow", "initial", "param", "port", "signal", "time", "var"]
+__all__ = [
+    "Component",
+    "connect",
+    "der",
+    "discrete",
+    "dry_friction",
+    "flow",
+    "initial",
+    "param",
+    "port",
+    "signal",
+    "time",
+    "var",
+]
 
 C = TypeVar("C", bound="Component")
 
@@ -57,7 +72,7 @@ class Initial:
     fixed: bool
 
 
-Statement = ca.SX | Connection | Initial
+Statement = ca.SX | Connection | Initial | When | Assign
 Statements = Iterator[Statement]
 
 
@@ -95,26 +110,45 @@ def time() -> ca.SX:
     return collector_of("time").time
 
 
-def dry_friction(speed: ca.SX, level: Expression, level_neg: Expression | None = None) -> ca.SX:
+def dry_friction(
+    speed: ca.SX,
+    level: Expression,
+    level_neg: Expression | None = None,
+    *,
+    static: Expression | None = None,
+    static_neg: Expression | None = None,
+    mode: ca.SX | None = None,
+) -> ca.SX:
     """Return a dry friction force or torque, with exact sticking.
 
-    It is `level` while `speed` > 0, `-level_neg` while `speed` < 0, and at `speed` = 0 whatever
-    between the two keeps the speed at zero. Add it to the force that opposes `speed`:
-    ``f == d * v_rel + dry_friction(v_rel, f_c)``. How sticking is computed is the choice of the
-    simulation (events) or the estimation (time stepping), never of the component.
+    It is `level` while `speed` > 0, `-level_neg` while `speed` < 0, and at `speed` = 0 whatever between
+    `-static_neg` and `static` keeps the speed at zero. Where the levels are zero or negative the parts are free of
+    each other. Add it to the force that opposes `speed`: ``f == d * v_rel + dry_friction(v_rel, f_c)``. How sticking
+    is computed is the choice of the simulation (events) or the estimation (time stepping), never of the component.
 
     Parameters
     ----------
     speed
         Relative speed [m/s or rad/s].
     level
-        Force or torque while sliding forward [N or N.m], not negative.
+        Force or torque while sliding forward [N or N.m], not negative; it may depend on the speed.
     level_neg
         Its magnitude while sliding backward; equal to `level` if left out.
+    static, static_neg
+        Largest force while stuck, forward and backward; the levels of sliding if left out.
+    mode
+        A discrete variable that shows -1 (backward), 0 (stuck), 1 (forward) or 2 (free).
     """
     force = ca.SX.sym("dry_friction")
-    other = level if level_neg is None else level_neg
-    collector_of("dry_friction").frictions.append(DryFriction(force, ca.SX(speed), ca.SX(level), ca.SX(other)))
+    pos = ca.SX(level)
+    neg = pos if level_neg is None else ca.SX(level_neg)
+    static_pos = pos if static is None else ca.SX(static)
+    static_back = static_pos if static is not None and level_neg is None else neg
+    if static_neg is not None:
+        static_back = ca.SX(static_neg)
+    collector_of("dry_friction").frictions.append(
+        DryFriction(force, ca.SX(speed), pos, neg, static_pos, static_back, mode)
+    )
     return force
 
 
@@ -296,9 +330,9 @@ def parameters_of(cls: type) -> dict[str, Param]:
     return declared(cls, Param)
 
 
-def variables_of(cls: type) -> dict[str, Var | Signal]:
-    """Return the declared variables and signals of a component class, those of its bases first."""
-    return declared(cls, Var) | declared(cls, Signal)
+def variables_of(cls: type) -> dict[str, Var | Signal | Discrete]:
+    """Return the declared variables, signals and discrete variables of a component class, those of its bases first."""
+    return declared(cls, Var) | declared(cls, Signal) | declared(cls, Discrete)
 
 
 def ports_of(cls: type) -> dict[str, PortField[Any]]:

@@ -32,7 +32,7 @@ def merge_frictions(system: System) -> System:
     old = system.frictions
     force = ca.SX.sym("dry_friction", len(groups))
     forces: dict[int, ca.SX] = {}
-    speeds, levels, places = [], [], []
+    speeds, levels, places, modes = [], [], [], []
     for g, members in enumerate(groups):
         level = sum((ca.fabs(ratio) * (old.level_pos[i] + _EPSILON) for i, ratio in members), ca.SX(0))
         for i, ratio in members:
@@ -40,12 +40,11 @@ def merge_frictions(system: System) -> System:
                 force[g] * ca.sign(ratio) * (old.level_pos[i] + _EPSILON) / level if len(members) > 1 else force[g]
             )
         speeds.append(old.speed[members[0][0]])
-        is_single = len(members) == 1
-        levels.append(
-            (old.level_pos[members[0][0]], old.level_neg[members[0][0]])
-            if is_single
-            else (level - _EPSILON, level - _EPSILON)
-        )
+        first = members[0][0]
+        static = sum((ca.fabs(ratio) * old.static_pos[i] for i, ratio in members), ca.SX(0))
+        of_first = (old.level_pos[first], old.level_neg[first], old.static_pos[first], old.static_neg[first])
+        levels.append(of_first if len(members) == 1 else (level - _EPSILON, level - _EPSILON, static, static))
+        modes.append(system.hybrid.modes[first])
         places.append(" + ".join(old.places[i] for i, _ in members))
     shares = ca.vertcat(*[forces[i] for i in range(old.force.numel())])
     # the motion feels only the sum; put on the first of each group, it cancels to the last digit while stuck
@@ -53,26 +52,24 @@ def merge_frictions(system: System) -> System:
     for g, members in enumerate(groups):
         sums[members[0][0]] = force[g]
     ode, alg = ca.substitute([system.ode, system.alg], [old.force], [sums])
-    outputs = ca.substitute(system.outputs, old.force, shares)
+    outputs, *laws = ca.substitute([system.outputs, *system.hybrid.laws], [old.force], [shares])
     merged = Frictions(
-        tuple(places),
-        force,
-        ca.vertcat(*speeds),
-        ca.vertcat(*[pos for pos, _ in levels]),
-        ca.vertcat(*[neg for _, neg in levels]),
+        tuple(places), force, ca.vertcat(*speeds), *(ca.vertcat(*column) for column in zip(*levels, strict=True))
     )
-    return replace(system, ode=ode, alg=alg, outputs=outputs, frictions=merged)
+    hybrid = replace(system.hybrid.with_laws(laws), modes=tuple(modes))
+    return replace(system, ode=ode, alg=alg, outputs=outputs, frictions=merged, hybrid=hybrid)
 
 
 def _groups(system: System) -> list[list[tuple[int, ca.SX]]]:
-    """Return groups of (friction, its speed over that of the first of the group)."""
+    """Return groups of (friction, its speed over that of the first of the group); those that show a mode stay alone."""
     f = system.frictions
     groups: list[list[tuple[int, ca.SX]]] = []
     slopes = ca.jacobian(f.speed, system.x)
     for i in range(f.force.numel()):
         for members in groups:
             first = members[0][0]
-            if not (_is_symmetric(f, i) and _is_symmetric(f, first)):
+            shown = system.hybrid.modes[i] >= 0 or system.hybrid.modes[first] >= 0
+            if shown or not (_is_symmetric(f, i) and _is_symmetric(f, first)):
                 continue
             ratio = _ratio(system, slopes, i, first)
             if ratio is not None:
@@ -84,7 +81,9 @@ def _groups(system: System) -> list[list[tuple[int, ca.SX]]]:
 
 
 def _is_symmetric(frictions: Frictions, i: int) -> bool:
-    return ca.is_equal(frictions.level_pos[i], frictions.level_neg[i], 5)
+    return ca.is_equal(frictions.level_pos[i], frictions.level_neg[i], 5) and ca.is_equal(
+        frictions.static_pos[i], frictions.static_neg[i], 5
+    )
 
 
 def _ratio(system: System, slopes: ca.SX, i: int, first: int) -> ca.SX | None:

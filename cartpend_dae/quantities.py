@@ -165,6 +165,10 @@ class Flow(Computed):
     """A port variable that sums to zero at a connection, positive into the component."""
 
 
+class Discrete(Computed):
+    """A variable that changes at events only, by `assign`."""
+
+
 class Signal(Computed):
     """A directed quantity: an input, driven by one output or by the experiment, or an output."""
 

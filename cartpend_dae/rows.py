@@ -66,7 +66,9 @@ def linear_rows(flat: FlatSystem) -> list[Row]:
 def _loose_rows(flat: FlatSystem, equations: list[int]) -> Iterator[Row]:
     keys = [(i, 0) for i in range(len(flat.variables))] + list(flat.derivatives)
     unknowns = ca.vertcat(flat.symbols, flat.derivative_symbols)
-    form = _form(flat.residual[equations, 0], unknowns, ca.vertcat(flat.frictions.force, flat.time))
+    form = _form(
+        flat.residual[equations, 0], unknowns, ca.vertcat(flat.frictions.force, flat.time, flat.hybrid.symbols)
+    )
     symbolic = form.expressions
     elements = ca.vertsplit(form.values[symbolic]) if symbolic else []
     yield from _rows(form, [equations], [keys], elements)

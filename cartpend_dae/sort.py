@@ -22,7 +22,6 @@ from cartpend_dae.system import (
     AliasedSystem,
     Block,
     Coefficient,
-    Frictions,
     IndexedSystem,
     Initials,
     StateRelation,
@@ -70,18 +69,17 @@ def sort(indexed: IndexedSystem) -> System:
         _stack(ode),
         _stack([aliased.residual[i] for i, _ in nonlinear]),
         outputs,
-        friction.speed,
-        friction.level_pos,
-        friction.level_neg,
         aliased.initials.residual,
         indexed.invariants,
+        *friction.laws,
+        *aliased.hybrid.laws,
     ]
     done, parameters = _without_dependent_parameters(aliased, _back_substitute(solved, groups))
-    ode_x, alg, out, speed, pos, neg, initials, invariants = done
+    ode_x, alg, out, initials, invariants, *laws = done
     x = _stack([table[key] for key in state_keys])
     states = tuple(names[key] for key in state_keys)
     input_names = tuple(aliased.flat.variables[i].name for i in aliased.flat.inputs)
-    inputs = _stack([table.get((i, 0), ca.SX.sym(aliased.flat.variables[i].name)) for i in aliased.flat.inputs])
+    inputs = _known(aliased, table, aliased.flat.inputs)
     state_relations = _state_relations(aliased, state_keys)
     return System(
         name=aliased.flat.name,
@@ -97,7 +95,9 @@ def sort(indexed: IndexedSystem) -> System:
         u=inputs,
         parameters=tuple(aliased.flat.parameters[i] for i in parameters),
         p=aliased.flat.parameter_symbols[parameters, 0],
-        frictions=Frictions(friction.places, friction.force, speed, pos, neg),
+        frictions=friction.with_laws(laws[:5]),
+        hybrid=aliased.hybrid.with_laws(laws[5:]),
+        d=_known(aliased, table, aliased.hybrid.discretes),
         variables=aliased.flat.variables,
         outputs=out,
         state_relations=state_relations,
@@ -111,6 +111,11 @@ def sort(indexed: IndexedSystem) -> System:
         names=names,
         redundant=aliased.redundant,
     )
+
+
+def _known(aliased: AliasedSystem, table: dict[tuple[int, int], ca.SX], members: tuple[int, ...]) -> ca.SX:
+    """Return the symbols of inputs or discrete variables, new ones for those that no equation uses."""
+    return _stack([table.get((i, 0), ca.SX.sym(aliased.flat.variables[i].name)) for i in members])
 
 
 def _stack(items: list[ca.SX]) -> ca.SX:
@@ -135,7 +140,7 @@ def _names(aliased: AliasedSystem) -> dict[tuple[int, int], str]:
         (base, order): "der(" * order + aliased.flat.variables[base].name + ")" * order for base, order in aliased.keys
     }
     best: dict[tuple[int, int], tuple[int, int, int, int]] = {}
-    kinds = {"variable": 0, "output": 1, "input": 2, "potential": 3, "flow": 4}
+    kinds = {"variable": 0, "output": 1, "discrete": 1, "input": 2, "potential": 3, "flow": 4}
     for index, (variable, relation) in enumerate(zip(aliased.flat.variables, aliased.relations, strict=True)):
         key = (relation.base, relation.order)
         if key not in names or not (is_literal(relation.factor, 1) and is_literal(relation.offset, 0)):

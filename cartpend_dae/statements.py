@@ -9,6 +9,7 @@ import casadi as ca
 from cartpend_dae.errors import CartpendError, ModelError
 from cartpend_dae.explain import failure_sentence, place_of
 from cartpend_dae.language import Component, Connection, Initial, Statement
+from cartpend_dae.switching import Assign, When
 from cartpend_dae.system import FlatSystem
 
 STORE = "store every part in an attribute in `__post_init__`"
@@ -32,7 +33,7 @@ def statements_of(component: Component, where: str) -> Iterator[Statement]:
         statements = component.equations()
         if statements is None:
             raise ModelError(f"{what} returns nothing: `yield` each equation.")
-        if isinstance(statements, ca.SX | Connection | Initial):
+        if isinstance(statements, ca.SX | Connection | Initial | When | Assign):
             raise ModelError(f"{what} returns one statement: write `yield` instead of `return`.")
         yield from statements
     except CartpendError as error:
@@ -52,6 +53,7 @@ class Stated:
     origins: list[str] = field(default_factory=list)
     initials: list[tuple[str, Initial]] = field(default_factory=list)
     connections: list[Connection] = field(default_factory=list)
+    whens: list[When | Assign] = field(default_factory=list)
     findings: list[str] = field(default_factory=list)
     causes: list[BaseException] = field(default_factory=list)
 
@@ -80,6 +82,8 @@ def _sort_in(stated: Stated, where: str, count: int, statement: Statement, sourc
     try:
         if isinstance(statement, Connection):
             stated.connections.append(statement)
+        elif isinstance(statement, When | Assign):
+            stated.whens.append(statement)
         elif isinstance(statement, Initial):
             origin = f"{where}: initial equation {count}"
             residual_of(statement.equation, origin)

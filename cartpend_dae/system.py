@@ -9,9 +9,10 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.errors import ModelError
+from cartpend_dae.hybrid import Hybrid
 from cartpend_dae.quantities import Declaration
 
-Kind = Literal["variable", "potential", "flow", "input", "output"]
+Kind = Literal["variable", "potential", "flow", "input", "output", "discrete"]
 Coefficient = int | Fraction | ca.SX
 
 
@@ -48,6 +49,18 @@ class Frictions:
     speed: ca.SX
     level_pos: ca.SX
     level_neg: ca.SX
+    static_pos: ca.SX
+    static_neg: ca.SX
+
+    @property
+    def laws(self) -> list[ca.SX]:
+        """The expressions, for a pass that rewrites them."""
+        return [self.speed, self.level_pos, self.level_neg, self.static_pos, self.static_neg]
+
+    def with_laws(self, laws: list[ca.SX]) -> "Frictions":
+        """Return the same frictions with rewritten expressions."""
+        speed, level_pos, level_neg, static_pos, static_neg = laws
+        return Frictions(self.places, self.force, speed, level_pos, level_neg, static_pos, static_neg)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +113,7 @@ class FlatSystem:
     origins: tuple[str, ...]
     groups: tuple[Group, ...]
     initials: Initials
+    hybrid: Hybrid
     connections: tuple[tuple[str, ...], ...]
 
 
@@ -128,6 +142,7 @@ class AliasedSystem:
     residual: ca.SX
     origins: tuple[str, ...]
     frictions: Frictions
+    hybrid: Hybrid
     initials: Initials
     redundant: tuple[str, ...]
 
@@ -196,6 +211,8 @@ class System:
     parameters: tuple[Parameter, ...]
     p: ca.SX
     frictions: Frictions
+    hybrid: Hybrid
+    d: ca.SX
     variables: tuple[Variable, ...]
     outputs: ca.SX
     state_relations: dict[str, StateRelation]

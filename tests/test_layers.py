@@ -15,12 +15,14 @@ LAYERS = """
     errors units graph explicit
     explain linear
     quantities collector
-    declarations
+    declarations switching
     language
     library
+    hybrid
     system
     gathered dimension_rules statements
     templates connections dimensions
+    happenings
     freeze balance
     flatten
     rows diagnose
