@@ -90,7 +90,8 @@ def _symbols(flat: FlatSystem) -> list[_Symbol]:
         symbols.append(_Symbol(name, symbols[base].unit, base, order))
     symbols += [_Symbol(q.name, ANY if q.name in generic else q.declaration.unit) for q in flat.parameters]
     symbols += [_Symbol(f"{place}.dry_friction", ANY, is_friction=True) for place in flat.frictions.places]
-    return [*symbols, _Symbol("time", "s"), _Symbol("power", "W")]
+    symbols += [_Symbol("time", "s"), _Symbol("power", "W")]
+    return symbols + [_Symbol("condition", "1")] * flat.hybrid.symbols.numel()
 
 
 def _to_check(flat: FlatSystem, symbols: list[_Symbol]) -> list[int]:
@@ -118,6 +119,17 @@ def _owner(name: str) -> str:
     return name.rpartition(".")[0]
 
 
+def _of_events(flat: FlatSystem) -> list[tuple[str, ca.SX]]:
+    """Return where an event is stated, and a difference of two things that must have one unit."""
+    h = flat.hybrid
+    found = [(f"{place}: condition", h.differences[k]) for k, place in enumerate(h.relation_places)]
+    found += [("clock", flat.time - h.periods[k] - h.offsets[k]) for k in range(h.periods.numel())]
+    for k, action in enumerate(h.actions):
+        if action.target >= 0:
+            found.append((f"{action.place}: {action.kind}", flat.symbols[action.target] - h.values[k]))
+    return found
+
+
 class _Walk:
     """The equations of a model as instructions, and the dimensions found on walks through them."""
 
@@ -125,21 +137,31 @@ class _Walk:
         self.class_of = {path: cls for path, cls in flat.components if path}
         self.symbols, friction, watt = _symbols(flat), flat.frictions, ca.SX.sym("power")
         bound = [i for i, parameter in enumerate(flat.parameters) if parameter.value is None]
-        self.origins = [f"{place}: dry friction" for place in friction.places] * 3
+        self.origins = [f"{place}: dry friction" for place in friction.places] * 5
         self.origins += [f"what `{flat.parameters[i].name}` is set to" for i in bound]
         # Connections first: where they bring different units to one block, the block is the place to name.
         order = sorted(_to_check(flat, self.symbols), key=lambda i: not flat.origins[i].startswith("connection of "))
-        self.origins += [*(flat.origins[i] for i in order), *flat.initials.origins]
+        events = _of_events(flat)
+        self.origins += [*(flat.origins[i] for i in order), *flat.initials.origins, *(place for place, _ in events)]
         residual = ca.vertcat(
             friction.force - friction.level_pos,
             friction.force - friction.level_neg,
+            friction.force - friction.static_pos,
+            friction.force - friction.static_neg,
             watt - friction.speed * friction.level_pos,
             flat.parameter_symbols[bound, 0] - flat.parameter_bindings[bound, 0],
             flat.residual[order, 0],
             flat.initials.residual,
+            *(residual for _, residual in events),
         )
         self.arguments = ca.vertcat(
-            flat.symbols, flat.derivative_symbols, flat.parameter_symbols, friction.force, flat.time, watt
+            flat.symbols,
+            flat.derivative_symbols,
+            flat.parameter_symbols,
+            friction.force,
+            flat.time,
+            watt,
+            flat.hybrid.symbols,
         )
         # Without the reuse of places in memory, each result has one of its own.
         options = {"live_variables": False}

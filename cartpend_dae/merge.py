@@ -60,16 +60,22 @@ def merge_frictions(system: System) -> System:
     return replace(system, ode=ode, alg=alg, outputs=outputs, frictions=merged, hybrid=hybrid)
 
 
-def _groups(system: System) -> list[list[tuple[int, ca.SX]]]:
-    """Return groups of (friction, its speed over that of the first of the group); those that show a mode stay alone."""
+def parallel_frictions(system: System) -> tuple[bool, ...]:
+    """Return which dry frictions share their motion with another one."""
+    shared = {i for members in _groups(system, shown=True) if len(members) > 1 for i, _ in members}
+    return tuple(i in shared for i in range(system.frictions.force.numel()))
+
+
+def _groups(system: System, *, shown: bool = False) -> list[list[tuple[int, ca.SX]]]:
+    """Return groups of (friction, its speed over the first's); those that show a mode stay alone if not `shown`."""
     f = system.frictions
     groups: list[list[tuple[int, ca.SX]]] = []
     slopes = ca.jacobian(f.speed, system.x)
     for i in range(f.force.numel()):
         for members in groups:
             first = members[0][0]
-            shown = system.hybrid.modes[i] >= 0 or system.hybrid.modes[first] >= 0
-            if shown or not (_is_symmetric(f, i) and _is_symmetric(f, first)):
+            alone = not shown and (system.hybrid.modes[i] >= 0 or system.hybrid.modes[first] >= 0)
+            if alone or not (shown or (_is_symmetric(f, i) and _is_symmetric(f, first))):
                 continue
             ratio = _ratio(system, slopes, i, first)
             if ratio is not None:

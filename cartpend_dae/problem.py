@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.assemble import assemble
+from cartpend_dae.continuous import without_events
 from cartpend_dae.dae import parameter_vector
 from cartpend_dae.data import Experiment, noise_sd
 from cartpend_dae.errors import ModelError
@@ -98,7 +99,7 @@ def make_problem(
     ModelError
         For unknown names, or if there is nothing to fit.
     """
-    system = assemble(model)
+    system = without_events(assemble(model), "An estimation")
     if not experiments:
         raise ModelError(f"There is no run to fit {system.name} to.")
     for item in free:

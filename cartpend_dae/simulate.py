@@ -1,39 +1,37 @@
 """Run a model: adaptive by CasADi's integrators, or with a fixed step as older studies did."""
 
-import contextlib
-import io
 import math
 import reprlib
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, get_args
+from functools import partial
+from typing import Any, get_args
 
 import casadi as ca
 import numpy as np
 
 from cartpend_dae.assemble import assemble, check_bounds
-from cartpend_dae.dae import all_variables, dae, parameter_vector
+from cartpend_dae.continuous import without_events
+from cartpend_dae.dae import dae, parameter_vector
 from cartpend_dae.data import Trajectory
 from cartpend_dae.errors import ModelError, SolverError
-from cartpend_dae.events import HybridFriction, friction_events
-from cartpend_dae.initialize import Start, algebraics_along, initialize, unknown_parameters
+from cartpend_dae.initialize import initialize, unknown_parameters
 from cartpend_dae.inputs import (
     DrivenInputs,
     Input,
     checked_inputs,
     driven_inputs,
     input_values,
-    inputs_at,
     refined,
     with_knots,
 )
+from cartpend_dae.integrate import Begin, Choice, Method, Run, integrate, started, trajectory
 from cartpend_dae.language import Component
 from cartpend_dae.quantities import is_number
 from cartpend_dae.singular import check_regular
 from cartpend_dae.start_conditions import Steady
 from cartpend_dae.stepping import runge_kutta
 from cartpend_dae.system import System
-
-Method = Literal["adaptive", "cvodes", "idas", "erk", "rosenbrock", "rk4"]
+from cartpend_dae.time_events import with_time_events
 
 
 def simulate(
@@ -106,21 +104,24 @@ def simulate(
     p = parameter_vector(system, known)
     check_bounds(system, p)
     check_regular(system, p)
+    if method == "rk4":
+        system = without_events(system, "Method `rk4`")
     every = checked_inputs(system, _named("inputs", inputs))
     fine = with_knots(grid, every)
     driven = driven_inputs(every, fine)
-    u_0 = input_values(driven, fine[:1], driven.left[:, :1])[:, 0]
     found = unknown_parameters(system, known, _named("unknown", unknown))
-    begin = initialize(system, p, u_0, _start_values(start), float(grid[0]), unknown=found, steady=steady)
-    p = begin.p
-    _check_start(system, begin, u_0, p, float(grid[0]))
-    _check_frictions(system, begin, u_0, p, float(grid[0]))
+    system, fine, driven = with_time_events(system, p, fine, driven)
+    u_0 = input_values(driven, fine[:1], driven.left[:, :1])[:, 0]
+    asked = partial(initialize, start=_start_values(start), time=float(grid[0]), unknown=found, steady=steady)
+    begin = started(system, p, u_0, asked, fine)
+    _check_start(begin, u_0, float(grid[0]))
+    _check_frictions(begin, u_0, float(grid[0]))
     if method == "rk4" and step is not None:
-        x, z, modes = _fixed_steps(system, begin, driven, p, fine, step)
+        run = _fixed_steps(begin, driven, fine, step)
     else:
-        x, z, modes = _adaptive(system, begin, driven, p, fine, method, rtol, atol)
+        run = integrate(begin, driven, fine, Choice(method, rtol, atol))
     units = [system.parameters[system.parameter_index(name)].declaration.unit for name in begin.found]
-    return _trajectory(system, fine, grid, x, z, modes, driven, p).with_constants(begin.found, units)
+    return trajectory(begin, run, driven, fine, grid).with_constants(begin.found, units)
 
 
 def _check_method(method: str, step: float | None, tolerances: dict[str, float]) -> None:
@@ -177,8 +178,9 @@ def _grid(
     return grid
 
 
-def _check_start(system: System, start: Start, u: np.ndarray, p: np.ndarray, time: float) -> None:
-    ode, _ = dae(system).rhs(time, start.x, start.z, u, p, np.zeros(system.frictions.force.numel()))
+def _check_start(begin: Begin, u: np.ndarray, time: float) -> None:
+    system = begin.between
+    ode, _ = dae(system).rhs(time, begin.x, begin.z, begin.inputs(u), begin.p, np.zeros(system.frictions.force.numel()))
     bad = [name for name, value in zip(system.states, np.asarray(ode).ravel(), strict=True) if not np.isfinite(value)]
     if bad:
         listing = ", ".join(f"`{name}`" for name in bad)
@@ -188,14 +190,15 @@ def _check_start(system: System, start: Start, u: np.ndarray, p: np.ndarray, tim
         )
 
 
-def _check_frictions(system: System, start: Start, u: np.ndarray, p: np.ndarray, time: float) -> None:
+def _check_frictions(begin: Begin, u: np.ndarray, time: float) -> None:
     """Refuse dry friction whose speed nothing can change, or whose level is negative at the start."""
+    system = begin.between
     f, findings = system.frictions, []
     moving = ca.vertcat(system.x, system.z, system.u, system.time)
     moves = ca.which_depends(f.speed, moving, 1, True) if f.places else []
     arguments = [system.time, system.x, system.z, system.u, system.p, f.force]
     levels = ca.Function("levels", arguments, [f.level_pos, f.level_neg])
-    values = levels(time, start.x, start.z, u, p, np.zeros(len(f.places)))
+    values = levels(time, begin.x, begin.z, begin.inputs(u), begin.p, np.zeros(len(f.places)))
     for place, is_moving, *pair in zip(f.places, moves, *(np.asarray(v).ravel() for v in values), strict=True):
         if not is_moving:
             findings.append(
@@ -212,185 +215,19 @@ def _check_frictions(system: System, start: Start, u: np.ndarray, p: np.ndarray,
         raise ModelError(f"{system.name}: {'; '.join(sorted(findings))}.")
 
 
-def _adaptive(
-    system: System,
-    start: Start,
-    driven: DrivenInputs,
-    p: np.ndarray,
-    grid: np.ndarray,
-    method: Method,
-    rtol: float,
-    atol: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Integrate over the grid; return states (n_x, n), algebraics (n_z, n) and friction modes (n_f, n)."""
-    hybrid = friction_events(system) if system.frictions.places else None
-    n_x, n_f = system.x.numel(), len(system.frictions.places)
-    if hybrid is None and n_x == 0:
-        return (
-            np.zeros((0, grid.size)),
-            _algebraic_only(system, start, driven, p, grid),
-            np.zeros((0, grid.size)),
-        )
-    plugin = _plugin(system, method)
-    problem, settle = _problem(system, driven, hybrid)
-    options: dict[str, Any] = {"reltol": rtol, "abstol": atol, "show_eval_warnings": False}
-    if plugin in ("cvodes", "idas"):
-        options["max_num_steps"] = 1_000_000
-    x_0 = start.x
-    if hybrid is not None:
-        span = float(grid[-1] - grid[0])
-        options |= {"max_step_size": span / 500, "max_events": 100_000, "transition": settle}
-        x_0 = np.concatenate([start.x, _start_modes(system, hybrid, start, driven, p, grid)])
-    stacked = np.vstack([driven.left, driven.slope, grid[:-1]])
-    result, reason = None, ""
-    # rosenbrock gives up where rounding makes a resting body's acceleration flicker; erk does not mind
-    for name in (
-        (plugin, "erk") if plugin == "rosenbrock" and method == "adaptive" and not system.z.numel() else (plugin,)
-    ):
-        try:
-            with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-                integrator = ca.integrator("run", name, problem, float(grid[0]), grid[1:].tolist(), options)
-                result = integrator(x0=x_0, z0=start.z, p=p, u=stacked)
-            break
-        except RuntimeError as error:
-            reason = str(error)
-    if result is None:
-        raise SolverError(_failure(system, plugin, reason, grid))
-    x = np.column_stack([x_0, np.asarray(result["xf"])])
-    z = np.column_stack([start.z, np.asarray(result["zf"])]) if start.z.size else np.zeros((0, grid.size))
-    if not np.all(np.isfinite(x)):
-        raise SolverError(_failure(system, plugin, "a state is not finite", grid))
-    return x[:n_x], z, x[n_x:] if n_f else np.zeros((0, grid.size))
-
-
-def _plugin(system: System, method: Method) -> str:
-    if system.frictions.places:
-        if method in ("cvodes", "idas"):
-            raise ModelError(f"Method `{method}` cannot locate the events of dry friction; use `adaptive`.")
-        return "rosenbrock" if method == "adaptive" else method
-    if method == "adaptive":
-        return "idas" if system.algebraics else "cvodes"
-    return method
-
-
-def _problem(
-    system: System, driven: DrivenInputs, hybrid: HybridFriction | None
-) -> tuple[dict[str, ca.SX], ca.Function | None]:
-    """Return the problem for `casadi.integrator`, with inputs linear in time over each interval."""
-    s = system
-    n_u = len(s.inputs)
-    left, slope, begin = ca.SX.sym("left", n_u), ca.SX.sym("slope", n_u), ca.SX.sym("begin")
-    values = left + slope * (s.time - begin)
-    for row, expression in driven.expressions.items():
-        values[row] = ca.SX(expression(s.time))
-    u = ca.vertcat(left, slope, begin)
-    ode, alg = s.ode, s.alg
-    if hybrid is None:
-        ode, alg = _in_inputs([ode, alg], s, values)
-        return {"x": s.x, "z": s.z, "p": s.p, "u": u, "t": s.time, "ode": ode, "alg": alg}, None
-    ode, alg = ca.substitute([ode, alg], [s.frictions.force], [hybrid.force])
-    x = ca.vertcat(s.x, hybrid.modes)
-    ode = ca.vertcat(ode, ca.SX.zeros(hybrid.modes.numel()))
-    ode, alg, indicators = _in_inputs([ode, alg, hybrid.indicators], s, values)
-    fired = ca.SX.sym("fired")
-    settled = hybrid.settle(s.time, s.x, hybrid.modes, s.z, values, s.p)
-    transition = ca.Function(
-        "transition",
-        [fired, s.time, x, s.z, s.p, u],
-        [ca.vertcat(*settled), s.z],
-        ca.event_in(),
-        ca.event_out(),
-    )
-    problem = {"x": x, "z": s.z, "p": s.p, "u": u, "t": s.time, "ode": ode, "alg": alg, "zero": indicators}
-    return problem, transition
-
-
-def _in_inputs(expressions: list[ca.SX], system: System, values: ca.SX) -> list[ca.SX]:
-    return list(ca.substitute(expressions, [system.u], [values])) if len(system.inputs) else expressions
-
-
-def _start_modes(
-    system: System, hybrid: HybridFriction, start: Start, driven: DrivenInputs, p: np.ndarray, grid: np.ndarray
-) -> np.ndarray:
-    u = input_values(driven, grid[:1], driven.left[:, :1])[:, 0]
-    speed = ca.Function("speed", [system.time, system.x, system.z, system.u, system.p], [system.frictions.speed])
-    signs = np.sign(np.asarray(speed(grid[0], start.x, start.z, u, p)).ravel())
-    _, modes = hybrid.settle(grid[0], start.x, signs, start.z, u, p)
-    return np.asarray(modes).ravel()
-
-
-def _algebraic_only(system: System, start: Start, driven: DrivenInputs, p: np.ndarray, grid: np.ndarray) -> np.ndarray:
-    """Solve a model without states at each output time."""
-    return algebraics_along(system, start, p, inputs_at(driven, grid), grid)
-
-
-def _fixed_steps(
-    system: System, start: Start, driven: DrivenInputs, p: np.ndarray, grid: np.ndarray, step: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Step over the grid, divided into steps no longer than `step`; return the same as `_adaptive`."""
+def _fixed_steps(begin: Begin, driven: DrivenInputs, grid: np.ndarray, step: float) -> Run:
+    """Step over the grid, divided into steps no longer than `step`."""
+    system, p = begin.between, begin.p
     times, inputs, where = refined(driven, grid, step)
     widths = np.diff(times)
     left = input_values(inputs, times[:-1], inputs.left)
     right = input_values(inputs, times[1:], inputs.left + inputs.slope * widths)
     run = runge_kutta(system).function.mapaccum("run", widths.size, ["x"], ["x_next"])
-    result = run(t=times[:-1], h=widths, x=start.x, u_a=left, u_b=right, p=np.tile(p[:, None], widths.size))
-    x = np.column_stack([start.x, np.asarray(result["x_next"])])
+    result = run(t=times[:-1], h=widths, x=begin.x, u_a=left, u_b=right, p=np.tile(p[:, None], widths.size))
+    x = np.column_stack([begin.x, np.asarray(result["x_next"])])
     if not np.all(np.isfinite(x)):
         first = times[int(np.flatnonzero(~np.isfinite(x).all(axis=0))[0])]
         raise SolverError(
             f"{system.name}: rk4 with step {step:g} s is unstable: not finite from {first:g} s on; use a smaller step."
         )
-    return x[:, where], np.zeros((0, grid.size)), np.zeros((0, grid.size))
-
-
-def _trajectory(
-    system: System,
-    fine: np.ndarray,
-    grid: np.ndarray,
-    x: np.ndarray,
-    z: np.ndarray,
-    modes: np.ndarray,
-    driven: DrivenInputs,
-    p: np.ndarray,
-) -> Trajectory:
-    keep = np.searchsorted(fine, grid)
-    u = inputs_at(driven, fine)[:, keep]
-    force = _forces(system, grid, x[:, keep], z[:, keep], u, p, modes[:, keep])
-    return Trajectory(
-        time=grid,
-        names=tuple(variable.name for variable in system.variables),
-        values=all_variables(system, grid, x[:, keep], z[:, keep], u, p, force),
-        units=tuple(variable.declaration.unit for variable in system.variables),
-    )
-
-
-def _forces(
-    system: System,
-    grid: np.ndarray,
-    x: np.ndarray,
-    z: np.ndarray,
-    u: np.ndarray,
-    p: np.ndarray,
-    modes: np.ndarray,
-) -> np.ndarray:
-    """Return the friction forces at the output times, shape (n_f, n)."""
-    n_f = len(system.frictions.places)
-    if not n_f:
-        return np.zeros((0, grid.size))
-    hybrid = friction_events(system)
-    arguments = [system.time, system.x, hybrid.modes, system.z, system.u, system.p]
-    columns = np.tile(p[:, None], grid.size)
-    if not modes.size:
-        speed = ca.Function("speed", [*arguments[:2], *arguments[3:]], [system.frictions.speed]).map(grid.size)
-        speeds = np.asarray(speed(grid[None, :], x, z, u, columns))
-        modes = np.where(np.abs(speeds) > 1e-9 * np.abs(speeds).max(initial=0.0), np.sign(speeds), 0.0)
-    force = ca.Function("force", arguments, [hybrid.force]).map(grid.size)
-    return np.asarray(force(grid[None, :], x, modes, z, u, columns))
-
-
-def _failure(system: System, plugin: str, reason: str, grid: np.ndarray) -> str:
-    tail = reason.strip().splitlines()[-1][:200] if reason.strip() else "no reason given"
-    return (
-        f"{system.name}: {plugin} could not integrate from {grid[0]:g} s to {grid[-1]:g} s ({tail}). "
-        f"Look for a state that runs away, a division by zero or a discontinuity; try `rtol`, or `method`."
-    )
+    return Run(x[:, where], np.zeros((0, grid.size)), None)

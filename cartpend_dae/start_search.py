@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 from scipy.sparse import csr_array
 
-from cartpend_dae.events import friction_events
+from cartpend_dae.events import settled_modes
 from cartpend_dae.start_conditions import Conditions, Rank, Request, conditions_of
 from cartpend_dae.start_paths import followed, relaxed
 from cartpend_dae.start_solver import Outcome, Ranked, finite_rows, first_guess, independent, is_met, newton, shifted
@@ -142,4 +142,4 @@ def _modes(system: System, request: Request, conditions: Conditions, point: np.n
     speed = ca.Function("speed", arguments, [system.frictions.speed])
     speeds = np.asarray(speed(request.time, x, z, request.u, p)).ravel()
     signs = np.where(np.abs(speeds) > near, np.sign(speeds), 0.0)
-    return np.asarray(friction_events(system).settle(request.time, x, signs, z, request.u, p)[1]).ravel()
+    return settled_modes(system, request.time, x, signs, z, request.u, p)

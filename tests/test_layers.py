@@ -32,7 +32,7 @@ LAYERS = """
     selection
     index
     tear
-    sort merge
+    sort merge continuous
     assemble structure
     dae
     events
@@ -47,6 +47,7 @@ LAYERS = """
     data
     study
     stepping inputs
+    time_events integrate
     simulate
     transcribe
     programme

@@ -1,0 +1,57 @@
+"""A system with relations -> the same system without events, for what steps over them."""
+
+from dataclasses import replace
+
+import casadi as ca
+
+from cartpend_dae.errors import ModelError
+from cartpend_dae.hybrid import Hybrid
+from cartpend_dae.system import System
+
+
+def without_events(system: System, what: str) -> System:
+    """Return a system whose relations are evaluated where they stand, without events.
+
+    Parameters
+    ----------
+    system
+        A system whose events only switch between values.
+    what
+        What cannot do with events, for the error sentence, such as "An estimation".
+
+    Raises
+    ------
+    ModelError
+        If the system has discrete variables or actions, whose effect remains after an event.
+    """
+    h = system.hybrid
+    if h.is_empty:
+        return system
+    if h.discretes or h.actions:
+        places = sorted({action.place for action in h.actions} | {system.variables[i].name for i in h.discretes})
+        listing = ", ".join(f"`{place}`" for place in places)
+        raise ModelError(f"{what} knows no discrete variables and no `when`, but {system.name} has them: {listing}.")
+    f = system.frictions
+    parts = [
+        h.differences,
+        system.ode,
+        system.alg,
+        system.outputs,
+        system.initials.residual,
+        system.invariants,
+        *f.laws,
+    ]
+    for _ in h.relation_places:  # a relation may stand in the next one
+        parts = ca.substitute(parts, [h.relations], [parts[0] < 0])
+    _, ode, alg, outputs, initials, invariants, *laws = parts
+    none = ca.SX(0, 1)
+    return replace(
+        system,
+        ode=ode,
+        alg=alg,
+        outputs=outputs,
+        initials=replace(system.initials, residual=initials),
+        invariants=invariants,
+        frictions=f.with_laws(laws),
+        hybrid=Hybrid(none, none, (), none, none, none, none, (), none, (), h.modes),
+    )
