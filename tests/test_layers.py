@@ -44,7 +44,9 @@ LAYERS = """
     tables
     data
     study
-    stepping inputs
+    stepping inputs linear_model
+    operating_point
+    linearize design
     simulate
     transcribe
     programme
