@@ -1,12 +1,21 @@
 """State feedback for a linear model, u = -K x, by a quadratic cost or by the places of the poles."""
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, matrix_balance, solve_continuous_are, solve_discrete_are, svd
+from scipy.linalg import (
+    LinAlgError,
+    matrix_balance,
+    solve_continuous_are,
+    solve_continuous_lyapunov,
+    solve_discrete_are,
+    solve_discrete_lyapunov,
+    svd,
+)
 from scipy.signal import place_poles
 
 from cartpend_dae.errors import ModelError, SolverError
@@ -97,16 +106,60 @@ def lqr(linear: LinearModel, *, Q: Weights, R: Weights, period: float | None = N
     # with cross weights the cost is that of the states under the feedback u = -R^-1 N' x
     inner = model.A - model.B @ np.linalg.solve(r, n.T)
     _check_seen(model, inner, q - n @ np.linalg.solve(r, n.T))
+    return _closed(model, _optimal(model, q, n, r))
+
+
+def _optimal(model: LinearModel, q: FloatArray, n: FloatArray, r: FloatArray) -> FloatArray:
+    """Return the gains of least cost, (n_u, n_x): by the Riccati equation, then refined.
+
+    With the factor of r as the unit of the inputs, and the cost in a unit s that makes B B'/s and q/s alike, the
+    equation is solved to rounding whatever the weights are counted in. Each refinement takes the cost of the feedback
+    by Lyapunov's equation, and the best feedback for this cost (D. L. Kleinman, IEEE Trans. Automat. Control 13
+    (1968), 114-115, doi:10.1109/TAC.1968.1098829).
+    """
+    unit = np.linalg.inv(np.linalg.cholesky(r)).T
+    size = max(float(np.linalg.norm(q, 2)), 1e-300) ** 0.5 / max(float(np.linalg.norm(model.B @ unit, 2)), 1e-300)
+    unit = unit * size**0.5
+    problem = _Problem(model.A, model.B @ unit, q / size, n @ unit / size, model.period is not None)
     try:
-        if model.period is None:
-            cost = solve_continuous_are(model.A, model.B, q, r, s=n)
-            K = np.linalg.solve(r, model.B.T @ cost + n.T)
-        else:
-            cost = solve_discrete_are(model.A, model.B, q, r, s=n)
-            K = np.linalg.solve(r + model.B.T @ cost @ model.B, model.B.T @ cost @ model.A + n.T)
-    except LinAlgError as error:
+        with warnings.catch_warnings(action="ignore"):  # what rounding spoils is found below
+            K = problem.solution()
+            for _ in range(10):
+                _check_stable(model, sorted_poles(problem.A - problem.B @ K, model.period))
+                last, K = K, problem.refined(K)
+                if np.abs(K - last).max() <= 1e-9 * np.abs(K).max():
+                    return unit @ K
+    except (LinAlgError, ValueError) as error:
         raise SolverError(f"{model.name}: no state feedback was found ({error}). Choose other weights.") from None
-    return _closed(model, K)
+    raise SolverError(f"{model.name}: no state feedback was found (rounding is too large). Choose other weights.")
+
+
+@dataclass(frozen=True, slots=True)
+class _Problem:
+    """Least cost of x' q x + 2 x' n u + u' u, by the letters of Riccati's equation."""
+
+    A: FloatArray
+    B: FloatArray
+    q: FloatArray
+    n: FloatArray
+    is_sampled: bool
+
+    def solution(self) -> FloatArray:
+        solve = solve_discrete_are if self.is_sampled else solve_continuous_are
+        return self._best(solve(self.A, self.B, self.q, np.eye(self.B.shape[1]), s=self.n))
+
+    def refined(self, K: FloatArray) -> FloatArray:
+        """Return the best feedback for the cost that the feedback u = -K x has."""
+        loop = self.A - self.B @ K
+        cost = self.q - self.n @ K - (self.n @ K).T + K.T @ K
+        if self.is_sampled:
+            return self._best(solve_discrete_lyapunov(loop.T, cost))
+        return self._best(solve_continuous_lyapunov(loop.T, -cost))
+
+    def _best(self, cost: FloatArray) -> FloatArray:
+        if not self.is_sampled:
+            return self.B.T @ cost + self.n.T
+        return np.linalg.solve(np.eye(self.B.shape[1]) + self.B.T @ cost @ self.B, self.B.T @ cost @ self.A + self.n.T)
 
 
 def place(linear: LinearModel, poles: Sequence[complex], *, period: float | None = None) -> Gains:
@@ -143,17 +196,19 @@ def place(linear: LinearModel, poles: Sequence[complex], *, period: float | None
         K = np.asarray(getattr(place_poles(model.A, model.B, wanted), "gain_matrix"), dtype=float)  # noqa: B009 (untyped)
     except ValueError as error:
         raise ModelError(f"{model.name}: these poles cannot be placed: {' '.join(str(error).split())}.") from None
-    return Gains(model, K, sorted_poles(model.A - model.B @ K, model.period))
+    return _closed(model, K)
 
 
 def _closed(model: LinearModel, K: FloatArray) -> Gains:
-    poles = sorted_poles(model.A - model.B @ K, model.period)
-    if not np.all(np.isfinite(K)) or np.any(_margins(poles, model.period) <= 0):
+    return Gains(model, K, sorted_poles(model.A - model.B @ K, model.period))
+
+
+def _check_stable(model: LinearModel, poles: NDArray[np.complex128]) -> None:
+    if np.any(_margins(poles, model.period) <= 0):
         raise SolverError(
             f"{model.name}: rounding leaves the closed loop with the pole {pole_text(complex(poles[0]))}, which does "
             f"not decay. Scale the weights to what is tolerable, or leave out states that no output needs."
         )
-    return Gains(model, K, poles)
 
 
 def _margins(poles: NDArray[np.complex128], period: float | None) -> FloatArray:

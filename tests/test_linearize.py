@@ -1,7 +1,5 @@
 """Linear models against textbook matrices, closed forms and scipy."""
 
-from pathlib import Path
-
 import casadi as ca
 import numpy as np
 import pytest
@@ -27,15 +25,12 @@ from cartpend_dae.library import rotational as r
 from cartpend_dae.library import signals as s
 from cartpend_dae.library import translational as t
 from cartpend_dae.linear_model import LinearModel
-from cartpend_dae.study import load_model, model_reference
+from models.cart_pendulum import CartPendulum
+from models.driven_cart import DrivenCart
+from models.rota_damp import RotaDamp
 
-MODELS = Path(__file__).resolve().parent.parent / "models"
 G, M, L, D_RAIL, D_BEARING = 9.81, 0.1719, 0.86, 12.0, 0.0375
 """The rod, the rail and the bearing of the rig."""
-
-
-def rig(name):
-    return load_model(model_reference(str(MODELS / name)))
 
 
 def order(linear, *names):
@@ -63,7 +58,7 @@ def textbook(mass, d_rail, phi):
 
 @pytest.mark.parametrize("phi", [0.0, np.pi], ids=["hanging", "upright"])
 def test_cart_and_pendulum_of_planar_joints_is_the_textbook(phi):
-    linear = linearize(rig("cart_pendulum.py"), at={"bearing.phi": phi})
+    linear = linearize(CartPendulum(), at={"bearing.phi": phi})
     found, _ = in_order(linear, "slide.s", "pivot.phi", "slide.v", "pivot.w")
     np.testing.assert_allclose(found, textbook(4.609, D_RAIL, phi)[0], rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(linear.rate, 0.0, atol=1e-13)
@@ -73,7 +68,7 @@ def test_cart_and_pendulum_of_planar_joints_is_the_textbook(phi):
 def test_driven_cart_is_the_textbook_with_the_motor_as_damper(phi):
     """A motor of no inductance behind gears of ratio n is the force n k u/R and the damper (n k)^2/R."""
     n, k, R = 84.9, 0.170, 0.739
-    linear = linearize(rig("driven_cart.py"), at={"bearing.phi": phi}, outputs=["encoder.s", "bearing.phi", "motor.i"])
+    linear = linearize(DrivenCart(), at={"bearing.phi": phi}, outputs=["encoder.s", "bearing.phi", "motor.i"])
     A, B = textbook(4.609 + 6.763, D_RAIL + (n * k) ** 2 / R, phi)
     found_A, found_B = in_order(linear, "inertial.s", "rod.phi", "inertial.v", "rod.w")
     np.testing.assert_allclose(found_A, A, rtol=1e-12, atol=1e-12)
@@ -266,8 +261,8 @@ def test_away_from_a_rest_the_slopes_follow_the_constraint():
 def test_a_point_of_a_trajectory():
     """Along its motion the damping of a pendulum is that at rest, its stiffness m g l/2 cos(phi)."""
     times = np.linspace(0.0, 1.0, 11)
-    run = simulate(rig("rota_damp.py"), times=times, start={"bearing.phi": 1.2})
-    linear = linearize(rig("rota_damp.py"), at=(run, 0.4))
+    run = simulate(RotaDamp(), times=times, start={"bearing.phi": 1.2})
+    linear = linearize(RotaDamp(), at=(run, 0.4))
     J = M * L**2 / 3
     phi = run["bearing.phi"][4]
     angle = next(name for name in linear.states if name.endswith("phi"))
