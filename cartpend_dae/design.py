@@ -118,7 +118,8 @@ def _optimal(model: LinearModel, q: FloatArray, n: FloatArray, r: FloatArray) ->
     (1968), 114-115, doi:10.1109/TAC.1968.1098829).
     """
     unit = np.linalg.inv(np.linalg.cholesky(r)).T
-    size = max(float(np.linalg.norm(q, 2)), 1e-300) ** 0.5 / max(float(np.linalg.norm(model.B @ unit, 2)), 1e-300)
+    reach = float(np.linalg.norm(model.B @ unit, 2)) or 1.0
+    size = (float(np.linalg.norm(q, 2)) ** 0.5 or 1 / reach) / reach
     unit = unit * size**0.5
     problem = _Problem(model.A, model.B @ unit, q / size, n @ unit / size, model.period is not None)
     try:
@@ -128,7 +129,7 @@ def _optimal(model: LinearModel, q: FloatArray, n: FloatArray, r: FloatArray) ->
                 _check_stable(model, sorted_poles(problem.A - problem.B @ K, model.period))
                 last, K = K, problem.refined(K)
                 if np.abs(K - last).max() <= 1e-9 * np.abs(K).max():
-                    return unit @ K
+                    return np.asarray(unit @ K, dtype=float)
     except (LinAlgError, ValueError) as error:
         raise SolverError(f"{model.name}: no state feedback was found ({error}). Choose other weights.") from None
     raise SolverError(f"{model.name}: no state feedback was found (rounding is too large). Choose other weights.")
@@ -159,7 +160,8 @@ class _Problem:
     def _best(self, cost: FloatArray) -> FloatArray:
         if not self.is_sampled:
             return self.B.T @ cost + self.n.T
-        return np.linalg.solve(np.eye(self.B.shape[1]) + self.B.T @ cost @ self.B, self.B.T @ cost @ self.A + self.n.T)
+        size = np.eye(self.B.shape[1]) + self.B.T @ cost @ self.B
+        return np.asarray(np.linalg.solve(size, self.B.T @ cost @ self.A + self.n.T), dtype=float)
 
 
 def place(linear: LinearModel, poles: Sequence[complex], *, period: float | None = None) -> Gains:

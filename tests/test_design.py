@@ -35,6 +35,15 @@ def test_the_cost_of_a_position_alone_damps_with_the_root_of_one_half():
     np.testing.assert_allclose(list(gains.of("load.f").values()), [m * w**2, m * np.sqrt(2) * w], rtol=1e-10)
 
 
+def test_without_a_cost_of_states_unstable_poles_are_mirrored():
+    """The least effort that stabilises: a hanging rod would have the poles +-j w, the upright one has +-w."""
+    rod, drive = r.SlenderRod(m=0.2, l=0.5), r.Torque()
+    linear = linearize(joined((drive.flange, rod.flange), rod=rod, drive=drive), at={"rod.phi": np.pi})
+    gains = lqr(linear, Q={}, R={"drive.tau": 0.3})
+    w, J = np.sqrt(1.5 * 9.81 / 0.5), 0.2 * 0.5**2 / 3
+    np.testing.assert_allclose(list(gains.of("drive.tau").values()), [2 * J * w**2, 2 * J * w], rtol=1e-9)
+
+
 def test_the_cost_of_an_output_with_feedthrough_is_that_of_its_parts():
     """a = f/m costs the input: with weights 1/a^2 and 1/b^2 it is the cost (1/b^2 + 1/(m a)^2) f^2."""
     m, a, b = 2.0, 3.0, 5.0
