@@ -2,6 +2,7 @@
 
 from cartpend_dae.assemble import assemble
 from cartpend_dae.data import Trajectory
+from cartpend_dae.design import Gains, lqr, place
 from cartpend_dae.errors import CartpendError, ModelError, SolverError, StructureError, StudyError
 from cartpend_dae.language import (
     Component,
@@ -20,6 +21,8 @@ from cartpend_dae.language import (
     unknown,
     var,
 )
+from cartpend_dae.linear_model import LinearModel
+from cartpend_dae.linearize import linearize
 from cartpend_dae.simulate import simulate
 from cartpend_dae.start_report import describe_start
 from cartpend_dae.structure import structure_report
@@ -28,6 +31,8 @@ from cartpend_dae.system import System
 __all__ = [
     "CartpendError",
     "Component",
+    "Gains",
+    "LinearModel",
     "ModelError",
     "Param",
     "Port",
@@ -44,7 +49,10 @@ __all__ = [
     "dry_friction",
     "flow",
     "initial",
+    "linearize",
+    "lqr",
     "param",
+    "place",
     "port",
     "signal",
     "simulate",

@@ -1,4 +1,4 @@
-"""The command line: check, simulate, identify, discover, demo. It only reads, calls, prints and writes."""
+"""The command line: check, simulate, linearize, identify, discover, demo. It only reads, calls, prints and writes."""
 
 import functools
 import math
@@ -20,6 +20,7 @@ from rich.text import Text
 from cartpend_dae.assemble import assemble
 from cartpend_dae.demo import make_demo
 from cartpend_dae.errors import CartpendError, StudyError
+from cartpend_dae.linearize import linearize as linearize_model
 from cartpend_dae.report import tables
 from cartpend_dae.report.files import check_folder, write_discovery, write_identification, write_simulation
 from cartpend_dae.report.result import identification_of, package_version
@@ -54,6 +55,14 @@ class Method(StrEnum):
     erk = "erk"
     rosenbrock = "rosenbrock"
     rk4 = "rk4"
+
+
+class Friction(StrEnum):
+    """What dry friction does in `linearize`."""
+
+    sliding = "sliding"
+    stuck = "stuck"
+    ignored = "ignored"
 
 
 Target = Annotated[str, typer.Argument(help="A study (FILE.toml) or a model (FILE.py or FILE.py:Class).")]
@@ -176,6 +185,41 @@ def simulate(
     console = _console()
     console.print(tables.trajectory_table(system, trajectory))
     _say(console, f"Written: {', '.join(str(path) for path in written)}")
+
+
+@app.command()
+@_spoken
+def linearize(
+    target: Target,
+    at: Annotated[
+        list[str] | None, typer.Option(metavar="steady|NAME=VALUE", help="A rest, and where [SI]; else the start.")
+    ] = None,
+    input_: Annotated[
+        list[str] | None,
+        typer.Option("--input", "--inputs", metavar="NAME[=VALUE]", help="An input, its value there [SI]; else all."),
+    ] = None,
+    output: Annotated[
+        list[str] | None,
+        typer.Option("--output", "--outputs", metavar="NAME", help="An output; else all states."),
+    ] = None,
+    set_: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A parameter [SI].")] = None,
+    friction: Annotated[Friction, typer.Option(help="What dry friction does.")] = Friction.sliding,
+    period: Annotated[float | None, typer.Option(help="Sampling period [s] of the exactly discretised model.")] = None,
+) -> None:
+    """Linearise a model about a point: matrices with names, poles, natural frequencies and damping ratios."""
+    system, opened = _opened(target)
+    guesses = {spec.name: spec.guess for spec in opened.setup.free if spec.guess is not None} if opened else {}
+    driven = {text.strip(): None for text in input_ or () if "=" not in text}
+    linear = linearize_model(
+        system,
+        at=_assignments("--at", [text for text in at or () if text != "steady"]),
+        steady="steady" in (at or ()),
+        inputs=driven | _assignments("--input", [text for text in input_ or () if "=" in text]) or None,
+        outputs=output,
+        parameters=guesses | _assignments("--set", set_),
+        friction=friction.value,
+    )
+    _console().print(str(linear if period is None else linear.discretize(period)), soft_wrap=True)
 
 
 @app.command()

@@ -40,8 +40,8 @@ N_NOTE = 8
 class Memory:
     """What is constant between events, each a column of symbols.
 
-    `modes` of dry frictions in {-1, 0, 1, 2}, `discretes`, `relations` and `held` conditions in {0, 1}, the `next`
-    time of each clock, and `note`: why the run stopped (0: it did not; the number of an action, from 1; `CHATTER` or
+    `modes` of dry frictions in {-1, 0, 1, 2}, `discretes`, `relations` and `held` conditions in {0, 1}, the number
+    of the `next` tick of each clock, and `note`: why the run stopped (0: it did not; the number of an action, from 1; `CHATTER` or
     `ZENO`), when, the time of the last event, how many were at that instant, how many in all; the time of the last
     jump of a state, the interval before it, and how many intervals in a row were short and ever shorter.
     """
@@ -61,10 +61,10 @@ class Memory:
     @property
     def whole(self) -> "Memory":
         """The memory with whole numbers as such: implicit integrators leave 1e-39 where there was zero."""
-        whole = [ca.floor(part + 0.5) for part in (self.modes, self.relations, self.held)]
+        whole = [ca.floor(part + 0.5) for part in (self.modes, self.relations, self.held, self.next)]
         note = ca.SX(self.note)
         note[0] = ca.floor(note[0] + 0.5)
-        return Memory(whole[0], self.discretes, whole[1], whole[2], self.next, note)
+        return Memory(whole[0], self.discretes, whole[1], whole[2], whole[3], note)
 
     def split(self, values: np.ndarray) -> "dict[str, np.ndarray]":
         """Return the rows of (n_memory, n) values by the name of the part."""
@@ -185,12 +185,18 @@ def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> ca.SX:
         difference = h.differences[k]
         found.append(ca.if_else(memory.relations[k] > 0.5, -difference, difference) + _band(s, k))
     # a clock ticks just before its time: an indicator that is zero exactly at an output time may be passed over
-    found += [memory.next[k] - 1e-10 * h.periods[k] - s.time for k in range(h.pulses.numel())]
+    found += [_next_tick(h, memory, k) - 1e-10 * h.periods[k] - s.time for k in range(h.pulses.numel())]
     indicators = ca.SX(ca.vertcat(*found))
     if f.places:
         indicators = ca.substitute(indicators, f.force, force)
     indicators = ca.substitute(indicators, h.pulses, ca.SX.zeros(h.pulses.numel()))
-    return ca.if_else(memory.note[0] == 0, indicators, 1)
+    # zero exactly at the end of a step would be passed over
+    return ca.if_else(memory.note[0] == 0, ca.if_else(indicators == 0, -1e-300, indicators), 1)
+
+
+def _next_tick(h: Hybrid, memory: Memory, k: int) -> ca.SX:
+    """Return the time of the next tick of a clock; ticks are counted, as a sum of periods would drift."""
+    return h.offsets[k] + memory.next[k] * h.periods[k]
 
 
 def _moving(s: System) -> ca.SX:
@@ -205,16 +211,16 @@ def _step(s: System, memory: Memory, force: ca.SX, speed: ca.SX, span: float) ->
     band = ca.SX(ca.vertcat(*[_band(s, k) for k in range(h.relations.numel())]))
     # an event lies on the edge of the band within rounding: half of it tells which relation that is
     relations = h.differences < ca.if_else(memory.relations > 0.5, band, -band) / 2
-    ticks = is_first * (s.time >= memory.next - 1e-9 * h.periods)
+    due = [_next_tick(h, memory, k) - 1e-9 * h.periods[k] for k in range(h.pulses.numel())]
+    ticks = is_first * (s.time >= ca.SX(ca.vertcat(*due)))
     truths, values = ca.substitute([h.conditions, h.values], [h.symbols], [ca.vertcat(relations, ticks)])
     fires = truths * (1 - memory.held)
     x, discretes, stop, jumped = _acted(s, memory, fires, values)
     x, modes = _modes(s, memory, force, speed, is_first, x)
-    next_time = memory.next + ticks * h.periods
     for i, target in enumerate(h.modes):
         if target >= 0:
             discretes[h.discretes.index(target)] = modes[i]
-    new = ca.vertcat(modes, discretes, relations, truths, next_time)
+    new = ca.vertcat(modes, discretes, relations, truths, memory.next + ticks)
     old = vector[: new.numel()]
     changed = ca.sum1(ca.vertcat(new != old, x != s.x)) > 0
     note = _noted(memory.note, s.time, is_first, stop, jumped, span)
@@ -315,7 +321,7 @@ def initial_memory(machine: Machine, system: System, time: float, u: np.ndarray,
     start = [system.variables[i].declaration.start or 0.0 for i in h.discretes]
     clock = ca.Function("clock", [system.p], [h.periods, h.offsets])
     periods, offsets = (np.asarray(value).ravel() for value in clock(p))
-    first = offsets + np.maximum(0.0, np.ceil((time - offsets) / periods - 1e-9)) * periods
+    first = np.maximum(0.0, np.ceil((time - offsets) / periods - 1e-9))
     # the last event was long ago; a time far out of scale would spoil the error norm of the integrator
     none = np.zeros(memory.relations.numel() + memory.held.numel())
     return np.concatenate(

@@ -18,11 +18,14 @@ from cartpend_dae.assess import Assessment, RunError
 from cartpend_dae.data import Trajectory
 from cartpend_dae.discover.records import Candidate, Search
 from cartpend_dae.discover.search import MIN_BIC_GAIN, MIN_SHARE
+from cartpend_dae.errors import ModelError
+from cartpend_dae.linear_model import LinearModel
 from cartpend_dae.report.text import all_candidates, effect_name, for_people
 from cartpend_dae.system import System
 
 DPI = 130
 MEASURED, BEFORE, AFTER, QUIET = "#000000", "#D55E00", "#0072B2", "#9A9A9A"
+COLORS = (AFTER, BEFORE, "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 DENSE = 2000
 """Samples from which on measured values are a line, not dots."""
 MOST_PANELS = 6
@@ -213,8 +216,7 @@ def trajectory_figure(system: System, trajectory: Trajectory) -> Figure:
     axes = figure.subplots(len(chosen), 1, sharex=True, squeeze=False)[:, 0]
     for axis, (unit, names) in zip(axes, chosen, strict=True):
         factor, shown = for_people(unit)
-        colors = (AFTER, BEFORE, "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-        for name, color in zip(names[:MOST_PANELS], colors, strict=False):
+        for name, color in zip(names[:MOST_PANELS], COLORS, strict=False):
             axis.plot(trajectory.time, factor * trajectory[name], color=color, lw=1.4, label=name)
         axis.set_ylabel(f"[{shown}]")
         axis.margins(x=0.01)
@@ -223,3 +225,57 @@ def trajectory_figure(system: System, trajectory: Trajectory) -> Figure:
     axes[-1].set_xlabel("time [s]")
     figure.suptitle(system.name, x=0.02, ha="left", weight="bold")
     return figure
+
+
+def bode_figure(linear: LinearModel, omega: Sequence[float] | None = None) -> Figure:
+    """Draw amplitude and phase of every output over the frequency, a column of panels for each input.
+
+    Parameters
+    ----------
+    linear
+        The linear model, continuous or sampled.
+    omega
+        Frequencies [rad/s], above 0; by default from a decade below the slowest mode to a decade above the fastest,
+        of a sampled model to half the sampling frequency.
+
+    Raises
+    ------
+    ModelError
+        If the model has no input or no output, or a frequency is not above 0.
+    """
+    if not linear.inputs or not linear.outputs:
+        raise ModelError(f"{linear.name} has {len(linear.inputs)} inputs and {len(linear.outputs)} outputs to draw.")
+    frequencies = _decades(linear) if omega is None else np.asarray(omega, dtype=float)
+    if np.any(frequencies <= 0):
+        raise ModelError("The frequencies of a Bode diagram must be above 0 rad/s: its axis is logarithmic.")
+    response = linear.frequency_response(frequencies)
+    n = len(linear.inputs)
+    figure = Figure(figsize=(max(8.5, 4.6 * n), 6.0), layout="constrained")
+    axes = figure.subplots(2, n, sharex=True, squeeze=False)
+    for j, (name, unit) in enumerate(zip(linear.inputs, linear.input_units, strict=True)):
+        for i, output in enumerate(linear.outputs):
+            color, value = COLORS[i % len(COLORS)], response[:, i, j]
+            label = f"{output} [{linear.output_units[i]}]"
+            axes[0, j].plot(frequencies, 20 * np.log10(np.maximum(np.abs(value), 1e-300)), color=color, label=label)
+            axes[1, j].plot(frequencies, np.degrees(np.unwrap(np.angle(value))), color=color)
+        axes[0, j].set_title(f"from {name} [{unit}]", fontsize=10)
+        axes[1, j].yaxis.set_major_locator(MaxNLocator(7, steps=[1, 1.5, 3, 4.5, 9, 10]))
+        axes[1, j].set_xlabel("frequency [rad/s]")
+    axes[0, 0].set_ylabel("amplitude [dB]")
+    axes[1, 0].set_ylabel("phase [deg]")
+    for axis in axes.ravel():
+        axis.set_xscale("log")
+        axis.margins(x=0.0)
+        _plain(axis)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right upper", frameon=False)
+    figure.suptitle(linear.name, x=0.02, ha="left", weight="bold")
+    return figure
+
+
+def _decades(linear: LinearModel) -> np.ndarray:
+    """Return frequencies around those of the modes [rad/s]."""
+    modes = [mode.frequency for mode in linear.damping() if 0 < mode.frequency < math.inf]
+    low, high = 0.1 * min(modes, default=1.0), 10 * max(modes, default=1.0)
+    if linear.period is not None:
+        high = math.pi / linear.period
+    return np.geomspace(min(low, 0.01 * high), high, 1000)

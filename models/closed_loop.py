@@ -122,8 +122,8 @@ class Controller(Component):
         """Return the voltage that raises the energy of the rod to that at rest upright.
 
         The power of the cart on the rod is -S cos(phi) w a (Astrom and Furuta 2000, doi:10.1016/S0005-1098(99)00140-5).
-        The rail is short, so the travel follows w cos(phi), as it soon will be: at the pace of the rod the acceleration is
-        opposite to the travel.
+        The rail is short, so the travel follows w cos(phi), as it soon will be: at the pace of the rod the
+        acceleration is opposite to the travel.
         """
         S, J = M_ROD * LENGTH / 2, M_ROD * LENGTH**2 / 3
         energy = 0.5 * J * w**2 - S * GRAVITY * (1 + ca.cos(phi))

@@ -72,6 +72,47 @@ def test_demo_writes_every_file():
     assert names == runs | rest
 
 
+def test_linearize_prints_matrices_poles_and_damping():
+    """The rod that hangs: w^2 = 3 g/(2 l), and 2 D w = 3 d/(m l^2)."""
+    result = run("linearize", ROTA_DAMP, "--at", "steady", "--output", "bearing.phi")
+    assert result.exit_code == 0
+    w, decay = np.sqrt(1.5 * 9.81 / 0.86), 3 * 0.0375 / (0.1719 * 0.86**2)
+    lines = result.stdout.splitlines()
+    assert lines[0] == "RotaDamp, linear about a rest, continuous"
+    *_, head, one, other = lines
+    assert head.split() == ["pole", "[1/s]", "frequency", "[rad/s]", "damping", "ratio"]
+    for row, sign in ((one, 1), (other, -1)):
+        pole, frequency, damping = row.split()
+        assert complex(pole) == pytest.approx(-decay / 2 + sign * 1j * np.sqrt(w**2 - decay**2 / 4), rel=1e-5)
+        assert (float(frequency), float(damping)) == pytest.approx((w, decay / 2 / w), rel=1e-5)
+
+
+def test_linearize_upright_and_sampled():
+    target = MODELS / "driven_cart.py"
+    options = ("--at", "bearing.phi=3.141592653589793", "--inputs", "amplifier.u=0", "--outputs", "motor.i")
+    result = run("linearize", target, *options, "--period", "0.01", "--friction", "ignored", "--set", "motor.R=1")
+    assert result.exit_code == 0
+    assert "sampled every 0.01 s" in result.stdout and "amplifier.u = 0 V" in result.stdout
+    assert re.search(r"^motor.i +1$|^  motor.i +1$", result.stdout, re.MULTILINE)  # D = 1/R
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--at", "rest"], "`--at rest`: expected NAME=VALUE"),
+        (["--at", "bearing.x=1"], "has no variable `bearing.x`; did you mean"),
+        (["--input", "u"], "RotaDamp has no input `u`; its inputs are: none."),
+        (["--output", "bearing.x"], "has no variable `bearing.x`"),
+        (["--period", "0"], "The sampling period must be a positive number of seconds, not 0.0."),
+    ],
+    ids=lambda v: " ".join(v) if isinstance(v, list) else "",
+)
+def test_linearize_refuses_in_a_sentence(options, sentence):
+    result = run("linearize", ROTA_DAMP, *options)
+    assert result.exit_code == 2
+    assert sentence in " ".join(result.stderr.split()) and "Traceback" not in result.stderr
+
+
 def test_check_shows_all_equations_then_what_is_left():
     result = run("check", ROTA_DAMP)
     assert result.exit_code == 0

@@ -46,7 +46,9 @@ LAYERS = """
     tables
     data
     study
-    stepping inputs
+    linear_model stepping inputs
+    operating_point
+    linearize design
     time_events integrate
     simulate
     transcribe

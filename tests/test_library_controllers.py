@@ -6,6 +6,7 @@ from library_bench import CLOSE, joined, run
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.signal import lsim, lti
 
+from cartpend_dae import linearize
 from cartpend_dae.library import controllers as c
 from cartpend_dae.library import signals as s
 
@@ -33,6 +34,7 @@ FINE = 2e-5
 LINEAR = [
     (s.SecondOrder(k=1.5, w=8.0, D=0.3), [1.5], [1 / 64, 0.6 / 8, 1]),
     (s.Derivative(k=0.5, T=0.05), [0.5, 0], [0.05, 1]),
+    (s.SpeedFilter(w=20.0, D=0.6), [1, 0], [1 / 400, 1.2 / 20, 1]),
     (s.FirstOrder(k=2.0, T=0.3), [2.0], [0.3, 1]),
     (c.PI(k=3.0, T=0.4), [3.0 * 0.4, 3.0], [0.4, 0]),
     (
@@ -59,6 +61,32 @@ def test_a_transfer_function_with_more_zeros_than_poles_is_refused():
 def test_derivative_of_a_function_of_time():
     result = answer(s.Der(), s.Sine(amplitude=2.0, f=1.0))
     np.testing.assert_allclose(result["block.y"], 4 * np.pi * np.cos(2 * np.pi * TIMES), atol=1e-10)
+
+
+def test_a_speed_filter_finds_the_speed_of_a_ramp_at_once_and_tames_noise():
+    """It starts on its input and follows it with the delay 2 D/w."""
+    w, D, slope = 50.0, 0.7071067811865476, 1.5
+    result = answer(s.SpeedFilter(w=w), s.Ramp(height=3.0 * slope, duration=3.0, offset=2.0))
+    late = TIMES > 0.5  # exp(-35.4 * 0.5) = 2e-8 of the beginning is left
+    np.testing.assert_allclose(result["block.y"][late], slope, rtol=1e-7)
+    behind = result["source.y"] - result["block.x"]
+    np.testing.assert_allclose(behind[late], slope * 2 * D / w, rtol=1e-6)
+    np.testing.assert_allclose(result["block.x"][0], 2.0, rtol=1e-12)
+    linear = linearize(s.SpeedFilter(w=w), outputs=["y"])
+    high = np.abs(linear.frequency_response([1e4, 1e5])[:, 0, 0])
+    np.testing.assert_allclose(high, [w**2 / 1e4, w**2 / 1e5], rtol=1e-4)  # 1/frequency above the bandwidth
+
+
+def test_state_feedback_subtracts_each_state_times_its_gain():
+    feedback = c.StateFeedback(gains={"phi": 3.0, "w": 0.5})
+    angle, speed, target = s.Sine(amplitude=1.0, f=1.0), s.Constant(k=2.0), s.Constant(k=0.25)
+    joints = [(angle.y, feedback.x["phi"].u), (speed.y, feedback.x["w"].u), (target.y, feedback.u_ff)]
+    model = joined(*joints, angle=angle, speed=speed, target=target, feedback=feedback, clock=s.Integrator())
+    result = run(model, 1.0, inputs={"clock.u": 1.0}, parameters={"feedback.x[phi].k": 4.0})
+    expected = 0.25 - 4.0 * np.sin(2 * np.pi * result.time) - 0.5 * 2.0
+    np.testing.assert_allclose(result["feedback.y"], expected, atol=1e-12)
+    listed = c.StateFeedback(gains=[3.0, 0.5])
+    assert list(listed.x) == [0, 1]
 
 
 def test_product_of_two_signals():

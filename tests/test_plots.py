@@ -10,7 +10,8 @@ import pytest
 from demo_run import demo_run
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from cartpend_dae import assemble, plots, simulate
+from cartpend_dae import ModelError, assemble, linearize, plots, simulate
+from cartpend_dae.library import signals
 from cartpend_dae.study import load_model, model_reference
 
 
@@ -96,3 +97,29 @@ def test_written_figures_are_pictures_and_pyplot_has_none():
         assert path.read_bytes().startswith(b"\x89PNG\r\n")
     if "matplotlib.pyplot" in sys.modules:
         assert sys.modules["matplotlib.pyplot"].get_fignums() == []
+
+
+def test_bode_figure_shows_decibels_and_degrees():
+    """1/(1 + s T): 0 dB far below the corner, -3 dB and -45 deg at it."""
+    linear = linearize(signals.FirstOrder(T=0.1), outputs=["y"])
+    figure = plots.bode_figure(linear, omega=[0.01, 10.0, 1000.0])
+    drawn(figure)
+    amplitude, phase = figure.get_axes()
+    assert amplitude.get_ylabel() == "amplitude [dB]" and phase.get_xlabel() == "frequency [rad/s]"
+    np.testing.assert_allclose(line(amplitude, "y [1]").get_ydata(), -10 * np.log10([1.000001, 2, 10001]), atol=1e-9)
+    np.testing.assert_allclose(phase.get_lines()[0].get_ydata(), -np.degrees(np.arctan([0.001, 1, 100])))
+
+
+def test_bode_figure_chooses_its_frequencies():
+    linear = linearize(signals.FirstOrder(T=0.1), outputs=["y"])
+    for model, low, high in ((linear, 1.0, 100.0), (linear.discretize(0.01), 1.0, np.pi / 0.01)):
+        x = plots.bode_figure(model).get_axes()[0].get_lines()[0].get_xdata()
+        np.testing.assert_allclose([x[0], x[-1]], [low, high])
+
+
+def test_bode_figure_refuses_what_it_cannot_draw():
+    linear = linearize(signals.FirstOrder(T=0.1))
+    with pytest.raises(ModelError, match="must be above 0 rad/s"):
+        plots.bode_figure(linear, omega=[0.0, 1.0])
+    with pytest.raises(ModelError, match="has 1 inputs and 0 outputs to draw"):
+        plots.bode_figure(linearize(signals.FirstOrder(T=0.1), outputs=[]))

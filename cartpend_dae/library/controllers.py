@@ -1,12 +1,14 @@
 """Controllers, transfer functions and the reference motions that they follow; units as in `signals`."""
 
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import casadi as ca
 
 from cartpend_dae.language import Component, Param, Statements, connect, param, signal, time, var
 from cartpend_dae.language import der as rate
-from cartpend_dae.library.signals import Block, Derivative, Integrator, Source
+from cartpend_dae.library.signals import Block, Derivative, Gain, Integrator, Source
+from cartpend_dae.quantities import Expression
 
 
 class PI(Block):
@@ -127,6 +129,31 @@ class LimitedPI(Component):
         yield self.y == ca.fmin(ca.fmax(self.raw, -limit), limit)
         yield self.correction == error - (self.raw - self.y) / self.k
         yield connect(self.correction, self.integrator.u)
+
+
+class StateFeedback(Component):
+    """State feedback, y = u_ff - (sum of all x[name].y), x[name].y = k x[name].u, with a gain k by name.
+
+    The terminals are ``x["phi"].u`` for ``gains={"phi": 80.0}``; of a list of gains they are ``x[0].u`` and so on.
+    The gains are parameters, `x[phi].k`, which `lqr` and `place` give.
+    """
+
+    u_ff = signal("in", unit="1", default=0.0, doc="feed-forward, or the set point times its gain")
+    y = signal("out", unit="1", doc="output")
+    gains: Mapping[str, Expression] | Sequence[Expression]
+
+    def __post_init__(self) -> None:
+        gains = dict(self.gains) if isinstance(self.gains, Mapping) else dict(enumerate(self.gains))
+        bad = [name for name in gains if isinstance(name, str) and not name.isidentifier()]
+        if bad or not gains:
+            raise ValueError(
+                f"StateFeedback: `gains` must hold a gain for each state, by short names such as `phi` or as a list, "
+                f"not {bad or self.gains!r}."
+            )
+        self.x = {name: Gain(k=k) for name, k in gains.items()}
+
+    def equations(self) -> Statements:
+        yield self.y == self.u_ff - sum(terminal.y for terminal in self.x.values())
 
 
 class TransferFunction(Block):

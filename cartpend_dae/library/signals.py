@@ -8,7 +8,7 @@ from math import pi
 
 import casadi as ca
 
-from cartpend_dae.language import Component, Param, Statements, der, param, signal, time, var
+from cartpend_dae.language import Component, Param, Statements, der, initial, param, signal, time, var
 
 
 def _check_table(name: str, table: tuple[tuple[float, float], ...], *, jumps: bool) -> None:
@@ -242,6 +242,23 @@ class SecondOrder(Block):
     def equations(self) -> Statements:
         yield self.yd == der(self.y)
         yield der(self.yd) == self.w * (self.w * (self.k * self.u - self.y) - 2 * self.D * self.yd)
+
+
+class SpeedFilter(Block):
+    """Speed from a measured position, y = der(x), der(y) = w (w (u - x) - 2 D y): y is der(u) up to the frequency w.
+
+    Above w the noise of the measurement is damped as 1/frequency, where `Derivative` would let all of it pass. A ramp
+    is followed without error in y, and by x with the delay 2 D/w. Unless the model says otherwise it starts with x = u.
+    """
+
+    x = var(unit="1", doc="position that follows the input")
+    w: Param = param(unit="rad/s", min=0, doc="bandwidth")
+    D: Param = param(unit="1", default=0.7071067811865476, min=0, doc="damping ratio; flattest at 1/sqrt(2)")
+
+    def equations(self) -> Statements:
+        yield self.y == der(self.x)
+        yield der(self.y) == self.w * (self.w * (self.u - self.x) - 2 * self.D * self.y)
+        yield initial(self.x == self.u, fixed=False)
 
 
 class RateLimiter(Block):
