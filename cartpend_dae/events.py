@@ -41,7 +41,8 @@ class Memory:
     """What is constant between events, each a column of symbols.
 
     `modes` of dry frictions in {-1, 0, 1, 2}, `discretes`, `relations` and `held` conditions in {0, 1}, the number
-    of the `next` tick of each clock, and `note`: why the run stopped (0: it did not; the number of an action, from 1; `CHATTER` or
+    of the `next` tick of each clock, and `note`: why the run stopped (0: it did not; the number of an action, from 1;
+    `CHATTER` or
     `ZENO`), when, the time of the last event, how many were at that instant, how many in all; the time of the last
     jump of a state, the interval before it, and how many intervals in a row were short and ever shorter.
     """
