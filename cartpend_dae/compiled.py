@@ -4,7 +4,9 @@ Nothing depends on it but speed: without a compiler, or where CasADi writes no C
 `newton`), the function comes back as it is. A compiled integrator keeps no statistics (`n_steps`, `n_events`).
 """
 
+import contextlib
 import hashlib
+import io
 import logging
 import os
 import platform
@@ -103,12 +105,13 @@ def _source(function: ca.Function, derivatives: bool) -> str:
     RuntimeError
         If CasADi cannot write it.
     """
-    # CasADi says so on the error stream, and writes C that does not compile
     generator = ca.CodeGenerator("function.c")
-    generator.add(function)
-    if derivatives:
-        generator.add(function.forward(1))
-    source = generator.dump()
+    # what it cannot write, CasADi tells the error stream, and puts into C that does not compile
+    with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
+        generator.add(function)
+        if derivatives:
+            generator.add(function.forward(1))
+        source = generator.dump()
     refusals = [line.strip() for line in source.splitlines() if line.lstrip().startswith("#error")]
     if refusals:
         raise RuntimeError(f"CasADi writes no C of it ({refusals[0].removeprefix('#error ')}).")

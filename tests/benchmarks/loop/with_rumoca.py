@@ -48,7 +48,9 @@ def loosest():
             run = model.simulate(t=(0.0, hand.STOP), config=settings)
             seconds.append(time.perf_counter() - begin)
             rows = [list(run[name])[:: hand.EVERY] for name in hand.STATES]
-            error = max(abs(a - b) for row, exact in zip(rows, reference, strict=True) for a, b in zip(row, exact))
+            error = max(
+                abs(a - b) for row, exact in zip(rows, reference, strict=True) for a, b in zip(row, exact, strict=True)
+            )
         if error < limit:
             return {"tolerance": rtol, "error": error, "seconds": seconds}
     return None
