@@ -25,8 +25,8 @@ logger = logging.getLogger(__name__)
 
 SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 FLAGS = ("-shared",) if sys.platform == "win32" else ("-shared", "-fPIC")
-# Up to this size of the C source [bytes] gcc takes less than half a minute for -O2 (docs/how-it-works.md).
-LARGE = 1_000_000
+# With more statements of C, from about 1,000 equations with their Jacobian on, gcc takes more than 10 s for -O2.
+LARGE = 20_000
 
 
 def compiled(
@@ -57,7 +57,7 @@ def compiled(
         return function
     try:
         source = _source(function, derivatives)
-        level = optimisation if optimisation is not None else 0 if len(source) > LARGE else 2
+        level = optimisation if optimisation is not None else 0 if source.count(";") > LARGE else 2
         return _loaded(function.name(), source, [*command, f"-O{level}", *FLAGS])
     except (RuntimeError, OSError, subprocess.SubprocessError) as error:
         reason = str(error).strip().splitlines() or [type(error).__name__]

@@ -35,7 +35,8 @@ from cartpend_dae.compiled import compiled  # noqa: E402
 
 GRID = np.linspace(0.0, hand.STOP, hand.POINTS)
 TOLERANCES = [10.0 ** (-k / 4) for k in range(16, 45)]  # 1e-4 to 1e-11; the absolute one is a hundredth of it
-REPEATS, LONG, FAR = 7, 0.3, 100.0  # a run longer than this [s] is not repeated; an error so far off skips a decade
+REPEATS, LONG = 15, 0.3  # a run longer than this [s] is not repeated
+FAR, IN_A_ROW = 100.0, 3  # an error so far off skips a decade; so many tolerances must be right
 PEERS = {"scipy": "with_scipy.py", "rumoca": "with_rumoca.py"}
 
 
@@ -144,15 +145,20 @@ def timed(call):
 
 
 def loosest(case, reference):
-    """Return the loosest tolerance with which the error is below the limit, the error, and what to time."""
-    position = 0
-    while position < len(TOLERANCES):
+    """Return the loosest tolerance with which the error is below the limit, the error, and what to time.
+
+    The error does not fall evenly with the tolerance: one that is right by luck, with the next tighter one wrong,
+    does not count.
+    """
+    position, right = 0, []
+    while len(right) < IN_A_ROW:
+        if position >= len(TOLERANCES):
+            raise SystemExit(f"{case.name}: no tolerance gives an error below {LIMIT:g}.")
         run = case.prepare(TOLERANCES[position])
         error = float(np.abs(run() - reference).max())
-        if error < LIMIT:
-            return TOLERANCES[position], error, run
+        right = [*right, (TOLERANCES[position], error, run)] if error < LIMIT else []
         position += 4 if error > FAR * LIMIT else 1
-    raise SystemExit(f"{case.name}: no tolerance gives an error below {LIMIT:g}.")
+    return right[0]
 
 
 def measure(chosen, reference):
