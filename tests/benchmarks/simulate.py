@@ -28,7 +28,7 @@ import hand  # noqa: E402
 from benchmarks import page  # noqa: E402
 from benchmarks.scale import machine, version  # noqa: E402
 from benchmarks.simulate_text import LIMIT  # noqa: E402
-from composed import ClosedLoop  # noqa: E402
+from composed import STATES, ClosedLoop  # noqa: E402
 
 from cartpend_dae import assemble, simulate  # noqa: E402
 from cartpend_dae.compiled import compiled  # noqa: E402
@@ -75,21 +75,11 @@ def by_hand():
     return Problem({"t": time_, "x": state, "ode": ode}, np.array(hand.start()), np.zeros(0), list(range(6)))
 
 
-NAMES = {
-    "s": "inertial.s",
-    "v": "inertial.v",
-    "phi": "rod.phi",
-    "w": "rod.w",
-    "i": "motor.inductor.i",
-    "e": "integrator.y",
-}
-
-
 def of_components(system):
     """Return the problem with the equations that `assemble` made."""
-    start = dict(zip(NAMES.values(), hand.start(), strict=True))
+    start = dict(zip(STATES, hand.start(), strict=True))
     expressions = {"t": system.time, "x": system.x, "p": system.p, "ode": system.ode}
-    rows = [system.states.index(NAMES[name]) for name in hand.STATES]
+    rows = [system.states.index(name) for name in STATES]
     return Problem(expressions, np.array([start[name] for name in system.states]), system.parameter_values, rows)
 
 
@@ -109,7 +99,7 @@ def whole(name, system, method):
     def prepare(tolerance):
         def run():
             result = simulate(system, times=GRID, method=method, rtol=tolerance, atol=tolerance / 100)
-            return np.array([result[NAMES[state]] for state in hand.STATES])
+            return np.array([result[name] for name in STATES])
 
         return run
 

@@ -10,6 +10,9 @@ from cartpend_dae.library.electrical import Amplifier, DCMotor, OnePort
 from cartpend_dae.library.planar import HangingRod
 from cartpend_dae.library.signals import Constant, Feedback, Integrator, Sine
 
+# the states of `hand.py`, in its order
+STATES = ("inertial.s", "inertial.v", "rod.phi", "rod.w", "motor.inductor.i", "integrator.y")
+
 
 class StateFeedback(Component):
     """Control voltage, u = -sum of gain times deviation."""
