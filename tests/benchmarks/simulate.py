@@ -62,10 +62,11 @@ class Problem:
 
 @dataclass(frozen=True)
 class Case:
-    """One way to simulate: `prepare(tolerance)` returns what is run and timed; it is timed apart."""
+    """One way to simulate: `prepare(tolerance)` returns what is run and timed; unless each run does, it is timed apart."""
 
     name: str
     prepare: Callable[[float], Callable[[], np.ndarray]]
+    prepares_itself: bool = False
 
 
 def by_hand():
@@ -103,7 +104,7 @@ def whole(name, system, method):
 
         return run
 
-    return Case(name, prepare)
+    return Case(name, prepare, prepares_itself=True)
 
 
 def cases():
@@ -157,7 +158,7 @@ def measure(chosen, reference):
     for case in chosen:
         tolerance, error, run = loosest(case, reference)
         found[case.name] = {"tolerance": tolerance, "error": error, "seconds": [], "run": run}
-        found[case.name] |= preparations(case, tolerance)
+        found[case.name] |= {} if case.prepares_itself else preparations(case, tolerance)
         print(f"{case.name}: tolerance {tolerance:.2g}, error {error:.2g}", file=sys.stderr)
     for _ in range(REPEATS):
         for entry in found.values():
