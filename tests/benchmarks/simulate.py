@@ -62,7 +62,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Case:
-    """One way to simulate: `prepare(tolerance)` returns what is run and timed; unless each run does, it is timed apart."""
+    """One way to simulate: `prepare(tolerance)` returns what is run and timed, and is timed apart."""
 
     name: str
     prepare: Callable[[float], Callable[[], np.ndarray]]
