@@ -23,6 +23,7 @@ lint: $(STAMP)
 
 benchmarks: $(BENCH_STAMP)
 	$(BENCH_BIN)/python tests/benchmarks/scale.py --write docs/benchmarks.md
+	$(BENCH_BIN)/python tests/benchmarks/simulate.py --write docs/benchmarks.md
 
 clean:
 	rm -rf .venv .venv-bench build dist docs/_build .pytest_cache .ruff_cache .hypothesis

@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.text import Text
 
 from cartpend_dae.assemble import assemble
+from cartpend_dae.compiled import cache_folder, cached_libraries, clear_cache
 from cartpend_dae.demo import make_demo
 from cartpend_dae.errors import CartpendError, StudyError
 from cartpend_dae.linearize import linearize as linearize_model
@@ -262,6 +263,16 @@ def demo(out: Annotated[Path, typer.Option(help="Folder for data and results.")]
     story = "A rod pendulum was let go three times. Its model knows viscous friction only: what is missing?"
     _say(_console(), story, f"Study, model and logs: {study.parent}")
     _discover(study, out / "results")
+
+
+@app.command()
+@_spoken
+def cache(clear: Annotated[bool, typer.Option("--clear", help="Delete what is kept.")] = False) -> None:
+    """Show where compiled models are kept and how much that is, or delete them."""
+    found = cached_libraries()
+    size = sum(path.stat().st_size for path in found) / 1e6
+    done = f"{clear_cache()} compiled functions deleted" if clear else f"{len(found)} compiled functions"
+    _say(_console(), f"{done}, {size:.1f} MB, in {cache_folder()}")
 
 
 def _discover(study: Path, out: Path) -> None:

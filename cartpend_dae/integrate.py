@@ -19,6 +19,9 @@ from cartpend_dae.system import System
 
 Method = Literal["adaptive", "cvodes", "idas", "erk", "rosenbrock", "rk4"]
 MOST_EVENTS = 1_000_000
+# erk is stable up to steps of about this over the fastest rate; beyond so many steps the implicit method is faster,
+# which errs more often at events: the acceleration of a body at rest flickers by rounding
+STABLE, MOST_STEPS = 3.3, 300_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,19 +147,19 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
         return Run(np.zeros((0, grid.size)), z, None)
     x_0 = np.concatenate([begin.x, begin.memory])
     options: dict[str, Any] = {"reltol": choice.rtol, "abstol": choice.atol, "show_eval_warnings": False}
-    problem, transition = _problem(begin.system, made, driven)
+    problem, transition, stacked = _problem(begin.system, made, driven, grid)
     if transition is not None:
         span = float(grid[-1] - grid[0])
         # after an event an indicator counts only above `event_tol`: with its default of 1e-6 close events are lost
         options |= {"max_step_size": span / 500, "max_events": MOST_EVENTS, "transition": transition, "event_tol": 0.0}
-    stacked = np.vstack([driven.left, driven.slope, grid[:-1]])
-    reason, plugins = "", _plugins(begin, choice.method)
+    reason, plugins = "", _plugins(begin, driven, grid, choice.method)
     for plugin in plugins:
         extra = {"max_num_steps": 1_000_000} if plugin in ("cvodes", "idas") else {}
         try:
             with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
                 integrator = ca.integrator("run", plugin, problem, float(grid[0]), grid[1:].tolist(), options | extra)
-                result = integrator(x0=x_0, z0=begin.z, p=begin.p, u=stacked)
+                given = {"u": stacked} if stacked.size else {}
+                result = integrator(x0=x_0, z0=begin.z, p=begin.p, **given)
             break
         except RuntimeError as error:
             reason = str(error)
@@ -171,32 +174,67 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
     return run
 
 
-def _plugins(begin: Begin, method: Method) -> tuple[str, ...]:
+def _plugins(begin: Begin, driven: DrivenInputs, grid: np.ndarray, method: Method) -> tuple[str, ...]:
     if begin.machine is not None:
         if method in ("cvodes", "idas"):
             what = "dry friction" if begin.system.hybrid.is_empty else "the model"
             raise ModelError(f"Method `{method}` cannot locate the events of {what}; use `adaptive`.")
         if method != "adaptive":
             return (method,)
-        # rosenbrock gives up where rounding makes a resting body's acceleration flicker; erk does not mind
-        return ("rosenbrock",) if begin.z.size else ("rosenbrock", "erk")
+        if begin.z.size:
+            return ("rosenbrock",)
+        n_steps = _fastest_rate(begin, driven, grid) * float(grid[-1] - grid[0]) / STABLE
+        return ("erk", "rosenbrock") if n_steps < MOST_STEPS else ("rosenbrock", "erk")
     if method == "adaptive":
         return ("idas",) if begin.system.algebraics else ("cvodes",)
     return (method,)
 
 
-def _problem(system: System, made: Machine | None, driven: DrivenInputs) -> tuple[dict[str, ca.SX], ca.Function | None]:
-    """Return the problem for `casadi.integrator`, with inputs linear in time over each interval."""
-    s = system
-    n_u = len(s.inputs)
-    left, slope, begin = ca.SX.sym("left", n_u), ca.SX.sym("slope", n_u), ca.SX.sym("begin")
-    values = left + slope * (s.time - begin)
+def _fastest_rate(begin: Begin, driven: DrivenInputs, grid: np.ndarray) -> float:
+    """Return the largest eigenvalue of the state equations at the start [1/s]; infinite for a large system."""
+    made, s = begin.machine, begin.between
+    n_x = s.x.numel()
+    if made is None or n_x > 200:
+        return np.inf
+    (ode,) = _replaced([s.ode], [(s.frictions.force, made.force)])
+    arguments = [s.time, s.x, s.z, s.u, s.p, made.memory.vector]
+    slopes = ca.Function("slopes", arguments, [ca.jacobian(ode, s.x)])
+    u = begin.inputs(inputs_at(driven, grid)[:, 0])
+    values = np.asarray(slopes(grid[0], begin.x, begin.z, u, begin.p, begin.memory))
+    return float(np.abs(np.linalg.eigvals(values)).max(initial=0.0)) if np.all(np.isfinite(values)) else np.inf
+
+
+def _inputs(s: System, driven: DrivenInputs, grid: np.ndarray) -> tuple[ca.SX, ca.SX, np.ndarray]:
+    """Return the inputs as expressions, the symbols that change between intervals, and their values over these.
+
+    What is constant stands as a number: an integrator stops wherever one of the symbols may change.
+    """
+    left, slope = driven.left, driven.slope
+    values = ca.SX(ca.DM(left[:, 0])) if left.shape[0] else ca.SX(0, 1)
+    sloping = np.flatnonzero(np.any(slope != 0, axis=1))
+    changing = [r for r in range(left.shape[0]) if r not in driven.expressions and np.any(left[r] != left[r, 0])]
+    rows = sorted({*changing, *sloping.tolist()})
+    starts, slopes = ca.SX.sym("left", len(rows)), ca.SX.sym("slope", sloping.size)
+    begin = ca.SX.sym("begin", 1 if sloping.size else 0)
+    for k, row in enumerate(rows):
+        values[row] = starts[k]
+    for k, row in enumerate(sloping.tolist()):
+        values[row] += slopes[k] * (s.time - begin)
     for row, expression in driven.expressions.items():
         values[row] = ca.SX(expression(s.time))
-    u = ca.vertcat(left, slope, begin)
+    stacked = np.vstack([left[rows], slope[sloping], *([grid[:-1]] if sloping.size else [])])
+    return values, ca.vertcat(starts, slopes, begin), stacked
+
+
+def _problem(
+    system: System, made: Machine | None, driven: DrivenInputs, grid: np.ndarray
+) -> tuple[dict[str, ca.SX], ca.Function | None, np.ndarray]:
+    """Return the problem for `casadi.integrator`, what happens at events, and inputs over the intervals."""
+    s = system
+    values, u, stacked = _inputs(s, driven, grid)
     if made is None:
         ode, alg = _replaced([s.ode, s.alg], [(s.u, values)])
-        return {"x": s.x, "z": s.z, "p": s.p, "u": u, "t": s.time, "ode": ode, "alg": alg}, None
+        return {"x": s.x, "z": s.z, "p": s.p, "u": u, "t": s.time, "ode": ode, "alg": alg}, None, stacked
     memory, pulses = made.memory, s.hybrid.pulses
     whole = memory.whole
     old = [(s.frictions.force, made.force), (pulses, ca.SX.zeros(pulses.numel()))]
@@ -209,7 +247,7 @@ def _problem(system: System, made: Machine | None, driven: DrivenInputs) -> tupl
     runs = whole.note[0] == 0
     ode = ca.vertcat(ca.if_else(runs, ode, 0), ca.SX.zeros(memory.vector.numel()))
     problem = {"x": x, "z": s.z, "p": s.p, "u": u, "t": s.time, "ode": ode, "alg": alg, "zero": indicators}
-    return problem, _transition(s, made, u, values)
+    return problem, _transition(s, made, u, values), stacked
 
 
 def _transition(s: System, made: Machine, u: ca.SX, values: ca.SX) -> ca.Function:

@@ -1,9 +1,14 @@
 """The pages that benchmarks write from recorded figures, and the answers that they are checked against."""
 
+import importlib
 import json
 
+import casadi as ca
+import numpy as np
 import pytest
-from benchmarks import page, scale_text
+from benchmarks import page, scale_text, simulate_text
+
+from cartpend_dae import assemble
 
 
 def run(n, assemble, status="right", **more):
@@ -80,3 +85,35 @@ def test_a_machine_that_was_busy_is_not_held_against_a_tool():
     waited = {"import": 5.0, "build": 0.0, "assemble": 1.0, "simulate": 0.0}
     text = page.text(results(cartpend_dae=entry(run(10, 1.0)), rumoca=entry(run(10, 2.0, processor=waited))))
     assert "the wall times of rumoca are too long" in text
+
+
+# --- simulation --------------------------------------------------------------------------------------------
+
+
+def loop(**seconds):
+    """Recorded runs of the closed loop, each of which took so long."""
+    return {name: {"tolerance": 1e-8, "error": 5e-7, "seconds": [2 * t, t]} for name, t in seconds.items()}
+
+
+def test_targets_of_simulation_are_ratios_of_the_fastest_runs():
+    names = {"whole": "simulate, cvodes", "small": "rosenbrock, compiled"}
+    runs = loop(yardstick=10.0, cvodes=11.0) | {names["whole"]: loop(w=11.5)["w"], names["small"]: loop(c=4.0)["c"]}
+    found = simulate_text.targets(runs)
+    assert [(value, met) for _, value, met in found[:3]] == [("1.1", "yes"), ("0.4", "yes"), ("1.15", "**no**")]
+    assert [value for _, value, _ in found[3:]] == ["not measured"] * 4
+
+
+def test_the_closed_loop_by_hand_and_of_components_are_the_same_equations(monkeypatch):
+    monkeypatch.syspath_prepend(str(page.HERE / "loop"))
+    hand, composed = importlib.import_module("hand"), importlib.import_module("composed")
+    system = assemble(composed.ClosedLoop())
+    rates = ca.Function("rates", [system.time, system.x, system.p], [system.ode])
+    rng = np.random.default_rng(4)
+    for _ in range(5):
+        state, time = rng.uniform(-2, 2, 6), rng.uniform(0, 10)
+        values = dict(zip(composed.STATES, state, strict=True))
+        found = rates(time, [values[name] for name in system.states], system.parameter_values).full()[:, 0]
+        by_name = dict(zip(system.states, found, strict=True))
+        expected = [float(rate) for rate in hand.rates(time, state, np)]
+        # sums of some twenty terms in double precision
+        np.testing.assert_allclose([by_name[name] for name in composed.STATES], expected, rtol=1e-11)

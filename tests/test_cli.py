@@ -15,6 +15,7 @@ from demo_run import demo_run
 from typer.testing import CliRunner
 
 from cartpend_dae import cli, simulate
+from cartpend_dae.compiled import SUFFIX
 from cartpend_dae.errors import StudyError
 from cartpend_dae.report.files import complete
 from cartpend_dae.session import discover_study, identify_study, open_study
@@ -50,6 +51,16 @@ def test_demo_names_coulomb_friction_and_prints_before_and_after():
     assert "on the test run `release3` fell from 2.17 deg to 0.06" in printed
     for head in ("What was tried", "Error of the model", "Parameters", "before", "after"):
         assert head in printed
+
+
+def test_the_cache_is_shown_and_cleared(tmp_path, monkeypatch):
+    monkeypatch.setenv("CARTPEND_CACHE", str(tmp_path))
+    (tmp_path / f"{'a' * 64}-{'b' * 64}{SUFFIX}").write_bytes(bytes(2_000_000))
+    (tmp_path / "note.txt").write_text("not ours")
+    where = f", 2.0 MB, in {tmp_path}\n"
+    assert run("cache").stdout.endswith(f"1 compiled functions{where}")
+    assert run("cache", "--clear").stdout.endswith(f"1 compiled functions deleted{where}")
+    assert [path.name for path in tmp_path.iterdir()] == ["note.txt"]
 
 
 def test_demo_says_nothing_on_stderr_where_there_is_no_terminal():

@@ -13,7 +13,7 @@ MAX_LINES = 400
 
 LAYERS = """
     errors units graph explicit
-    explain linear
+    explain linear compiled along
     quantities collector
     declarations switching
     language

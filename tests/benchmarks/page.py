@@ -12,7 +12,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 RESULTS = HERE / "results"
-SECTIONS = ("scale",)
+SECTIONS = ("scale", "simulate")
 
 
 def record(name, results):

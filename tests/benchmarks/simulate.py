@@ -1,0 +1,226 @@
+"""Measure the simulation of a closed loop, by hand, of components and in peers; write docs/benchmarks.md.
+
+``python tests/benchmarks/simulate.py --write docs/benchmarks.md`` takes about three minutes. SciPy lives in this
+interpreter, Rumoca in this one or in another (``--rumoca PATH``). All that is compared runs in turns, so that a busy
+machine slows all of it down.
+"""
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(HERE / "loop")]
+
+import hand  # noqa: E402
+from benchmarks import page  # noqa: E402
+from benchmarks.scale import machine, version  # noqa: E402
+from benchmarks.simulate_text import LIMIT  # noqa: E402
+from composed import STATES, ClosedLoop  # noqa: E402
+
+from cartpend_dae import assemble, simulate  # noqa: E402
+from cartpend_dae.compiled import compiled  # noqa: E402
+
+GRID = np.linspace(0.0, hand.STOP, hand.POINTS)
+TOLERANCES = [10.0 ** (-k / 4) for k in range(16, 45)]  # 1e-4 to 1e-11; the absolute one is a hundredth of it
+REPEATS, LONG = 15, 0.3  # a run longer than this [s] is not repeated
+FAR, IN_A_ROW = 100.0, 3  # an error so far off skips a decade; so many tolerances must be right
+PEERS = {"scipy": "with_scipy.py", "rumoca": "with_rumoca.py"}
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What an integrator of CasADi takes: expressions, start and parameters; `rows` orders its states as by hand."""
+
+    expressions: dict[str, ca.SX]
+    start: np.ndarray
+    parameters: np.ndarray
+    rows: list[int]
+
+    def integrator(self, plugin, tolerance):
+        """Return the integrator over all output times."""
+        options = {"reltol": tolerance, "abstol": tolerance / 100, "max_num_steps": 10**8}
+        return ca.integrator("loop", plugin, self.expressions, 0.0, GRID[1:].tolist(), options)
+
+    def run(self, integrator):
+        """Return the six states at the output times, shape (6, n)."""
+        result = integrator(x0=self.start, p=self.parameters)
+        return np.column_stack([self.start, result["xf"].full()])[self.rows]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One way to simulate: `prepare(tolerance)` returns what is run and timed, and is timed apart."""
+
+    name: str
+    prepare: Callable[[float], Callable[[], np.ndarray]]
+    prepares_itself: bool = False
+
+
+def by_hand():
+    """Return the problem with equations derived by hand."""
+    time_, state = ca.SX.sym("t"), ca.SX.sym("x", len(hand.STATES))
+    ode = ca.vertcat(*hand.rates(time_, ca.vertsplit(state), ca))
+    return Problem({"t": time_, "x": state, "ode": ode}, np.array(hand.start()), np.zeros(0), list(range(6)))
+
+
+def of_components(system):
+    """Return the problem with the equations that `assemble` made."""
+    start = dict(zip(STATES, hand.start(), strict=True))
+    expressions = {"t": system.time, "x": system.x, "p": system.p, "ode": system.ode}
+    rows = [system.states.index(name) for name in STATES]
+    return Problem(expressions, np.array([start[name] for name in system.states]), system.parameter_values, rows)
+
+
+def integration(name, problem, plugin, translate=lambda function: function):
+    """Return the case of an integrator alone: states only."""
+
+    def prepare(tolerance):
+        integrator = translate(problem.integrator(plugin, tolerance))
+        return lambda: problem.run(integrator)
+
+    return Case(name, prepare)
+
+
+def whole(name, system, method):
+    """Return the case of `simulate`: start, integration, and all variables at all times."""
+
+    def prepare(tolerance):
+        def run():
+            result = simulate(system, times=GRID, method=method, rtol=tolerance, atol=tolerance / 100)
+            return np.array([result[name] for name in STATES])
+
+        return run
+
+    return Case(name, prepare, prepares_itself=True)
+
+
+def cases():
+    """Return all cases; the first is the yardstick.
+
+    Here the events of friction ("friction"), the sampled loop ("sampled") and CoupledClutches ("clutches") find
+    their place; the targets in `simulate_text.py` look for these names.
+    """
+    ours, mine = assemble(ClosedLoop()), by_hand()
+    parts = of_components(ours)
+    return [
+        integration("yardstick", mine, "cvodes"),
+        integration("hand, rosenbrock, compiled", mine, "rosenbrock", compiled),
+        integration("cvodes", parts, "cvodes"),
+        integration("rosenbrock", parts, "rosenbrock"),
+        integration("erk", parts, "erk"),
+        integration("rosenbrock, compiled", parts, "rosenbrock", compiled),
+        integration("erk, compiled", parts, "erk", compiled),
+        whole("simulate, cvodes", ours, "cvodes"),
+        whole("simulate, rosenbrock", ours, "rosenbrock"),
+    ]
+
+
+def timed(call):
+    """Return the wall time of a call [s] and what it returned."""
+    begin = time.perf_counter()
+    result = call()
+    return time.perf_counter() - begin, result
+
+
+def loosest(case, reference):
+    """Return the loosest tolerance with which the error is below the limit, the error, and what to time.
+
+    The error does not fall evenly with the tolerance: one that is right by luck, with the next tighter one wrong,
+    does not count.
+    """
+    position, right = 0, []
+    while len(right) < IN_A_ROW:
+        if position >= len(TOLERANCES):
+            raise SystemExit(f"{case.name}: no tolerance gives an error below {LIMIT:g}.")
+        run = case.prepare(TOLERANCES[position])
+        error = float(np.abs(run() - reference).max())
+        right = [*right, (TOLERANCES[position], error, run)] if error < LIMIT else []
+        position += 4 if error > FAR * LIMIT else 1
+    return right[0]
+
+
+def measure(chosen, reference):
+    """Measure cases in turns, after one search of the tolerance for each."""
+    found = {}
+    for case in chosen:
+        tolerance, error, run = loosest(case, reference)
+        found[case.name] = {"tolerance": tolerance, "error": error, "seconds": [], "run": run}
+        found[case.name] |= {} if case.prepares_itself else preparations(case, tolerance)
+        print(f"{case.name}: tolerance {tolerance:.2g}, error {error:.2g}", file=sys.stderr)
+    for _ in range(REPEATS):
+        for entry in found.values():
+            if not entry["seconds"] or min(entry["seconds"]) < LONG:
+                entry["seconds"].append(timed(entry["run"])[0])
+    return {name: {key: value for key, value in entry.items() if key != "run"} for name, entry in found.items()}
+
+
+def preparations(case, tolerance):
+    """Return the time to prepare a case with an empty cache and again [s]."""
+    before = os.environ.get("CARTPEND_CACHE")
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["CARTPEND_CACHE"] = folder
+        first, again = (timed(lambda: case.prepare(tolerance))[0] for _ in range(2))
+    if before is None:
+        del os.environ["CARTPEND_CACHE"]
+    else:
+        os.environ["CARTPEND_CACHE"] = before
+    return {"prepare": first, "prepare_again": again}
+
+
+def peers(pythons, reference):
+    """Measure the peers, each in a fresh process; None for one that is not there."""
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        np.savetxt(file := Path(folder) / "reference.txt", reference[:, :: hand.EVERY], fmt="%.17g")
+        for name, script in PEERS.items():
+            entry = {"version": version(name, pythons[name]), "runs": {}}
+            if entry["version"] is not None:
+                command = [pythons[name], str(HERE / "loop" / script), str(file), str(LIMIT)]
+                done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
+                if done.returncode:
+                    raise SystemExit(f"{name}: {done.stderr}")
+                entry["runs"] = json.loads(done.stdout.strip().splitlines()[-1])
+            found[name] = entry
+    return found
+
+
+def reference_of(problem):
+    """Return the states by `rosenbrock` with a tolerance of 1e-12, and how far `cvodes` with 1e-12 is from it."""
+    runs = [problem.run(problem.integrator(plugin, 1e-12)) for plugin in ("rosenbrock", "cvodes")]
+    return runs[0], float(np.abs(runs[0] - runs[1]).max())
+
+
+def main():
+    """Measure, and print or write the section."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rumoca", default=sys.executable, metavar="PATH", help="interpreter that has Rumoca")
+    parser.add_argument("--write", type=Path, metavar="PAGE", help="record the figures and write the page")
+    options = parser.parse_args()
+    load = os.getloadavg()[0]
+    reference, doubt = reference_of(by_hand())
+    results = {"machine": machine(), "version": version("cartpend_dae", ""), "python": platform.python_version()}
+    results |= {"date": time.strftime("%Y-%m-%d"), "load": load, "casadi": ca.CasadiMeta.version(), "doubt": doubt}
+    results["runs"] = measure(cases(), reference)
+    results["peers"] = peers({"scipy": sys.executable, "rumoca": options.rumoca}, reference)
+    if options.write:
+        page.record("simulate", results)
+        options.write.write_text(page.text(page.recorded()))
+    else:
+        print(page.text({"simulate": results}))
+
+
+if __name__ == "__main__":
+    main()

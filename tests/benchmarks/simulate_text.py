@@ -1,0 +1,112 @@
+"""The section of docs/benchmarks.md on simulation: what `simulate.py` recorded, as Markdown."""
+
+from benchmarks.scale_text import verdict
+
+LIMIT = 1e-6  # of all states, in SI units
+
+INTRODUCTION = """## Simulation
+
+`python tests/benchmarks/simulate.py --write docs/benchmarks.md`
+
+The closed loop: amplifier, motor with inductance, gears, cart, rod upright, and a controller in continuous time that
+feeds back all six states. The cart follows a sine of 0.1 m and 0.5 Hz; the rod starts 10 degrees off. The eigenvalues
+reach from -0.5/s to -3,300/s (the current), so the problem is stiff. 60 s, 6,000 outputs. Each row has the loosest
+relative tolerance (the absolute one is a hundredth of it) that keeps the error of all states at all outputs below
+1e-6 in SI units, as the next two tighter ones do; steps of 4 a decade. The reference is `rosenbrock` with 1e-12, from
+which `cvodes` with 1e-12 differs by {doubt:.1g}; the current reaches 37 A. Times are wall times, the fastest of up to
+15 runs in turns; peers run afterwards, three times, with the first tolerance of 2 a decade that is right."""
+
+ROWS = {
+    "yardstick": ("equations by hand", "cvodes"),
+    "hand, rosenbrock, compiled": ("equations by hand", "rosenbrock, compiled"),
+    "cvodes": ("components, integration alone", "cvodes"),
+    "rosenbrock": ("components, integration alone", "rosenbrock"),
+    "erk": ("components, integration alone", "erk"),
+    "rosenbrock, compiled": ("components, integration alone", "rosenbrock, compiled"),
+    "erk, compiled": ("components, integration alone", "erk, compiled"),
+    "simulate, cvodes": ("components, `simulate`, all variables", "cvodes"),
+    "simulate, rosenbrock": ("components, `simulate`, all variables", "rosenbrock"),
+    "simulate, compiled": ("components, `simulate`, all variables", "compiled"),
+    "friction": ("components, `simulate`, dry friction by events", "rosenbrock"),
+    "sampled": ("components, `simulate`, controller sampled at 100 Hz", "rosenbrock"),
+    "clutches": ("CoupledClutches, `simulate`", "rosenbrock"),
+}
+
+
+def section(results):
+    """Return the lines of the section."""
+    runs = results["runs"]
+    measured = f"commit {results['version'].removeprefix('commit ')}, Python {results['python']}"
+    return [
+        *INTRODUCTION.format(**results).splitlines(),
+        "",
+        f"Machine: {results['machine']}. {measured}, CasADi {results['casadi']}, {results['date']}, load average "
+        f"{results['load']:.1f} at the start.",
+        *busy(results["load"]),
+        "",
+        "| what | integrator | tolerance | error | time | times yardstick | to prepare | again |",
+        "|---|---|--:|--:|--:|--:|--:|--:|",
+        *[row(ROWS[name], runs[name], fastest(runs["yardstick"])) for name in ROWS if name in runs],
+        *[
+            row((f"{peer} {entry['version']}, equations by hand", name), run, fastest(runs["yardstick"]))
+            for peer, entry in results["peers"].items()
+            for name, run in entry["runs"].items()
+        ],
+        "",
+        *absent(results["peers"]),
+        "To prepare is to make the integrator and, where it is compiled, its C and the library; again is the same with",
+        "the library in the cache. `simulate` prepares in each call, so that its time contains it.",
+        "",
+        "### Targets of simulation",
+        "",
+        "| target for cartpend_dae | found | met |",
+        "|---|--:|---|",
+        *[f"| {target} | {found} | {met} |" for target, found, met in targets(runs)],
+    ]
+
+
+def row(labels, run, yardstick):
+    """Return one row of the table."""
+    prepare = [f"{1e3 * run[key]:.3g} ms" if key in run else "–" for key in ("prepare", "prepare_again")]
+    figures = [f"{run['tolerance']:.1g}", f"{run['error']:.1g}", f"{1e3 * fastest(run):.3g} ms"]
+    return f"| {' | '.join([*labels, *figures, f'{fastest(run) / yardstick:.2f}', *prepare])} |"
+
+
+def busy(load):
+    """Say so if other programs worked as well; two processors are the least that a machine has."""
+    if load <= 2:
+        return []
+    return [
+        "",
+        "**The machine was busy with other programs.** Compare the ratios, not the times, and repeat on an idle one.",
+    ]
+
+
+def absent(peers):
+    """Say which peers were not measured."""
+    missing = [name for name, entry in peers.items() if not entry["runs"]]
+    return [f"Not measured, because they are not installed: {', '.join(missing)}.", ""] if missing else []
+
+
+def fastest(run):
+    """Return the shortest time [s]."""
+    return min(run["seconds"])
+
+
+def targets(runs):
+    """Return each target, what was found, and whether it is met."""
+
+    def ratio(name, to="yardstick"):
+        return fastest(runs[name]) / fastest(runs[to]) if name in runs and to in runs else None
+
+    smooth = "simulate, cvodes"
+    clutches = fastest(runs["clutches"]) if "clutches" in runs else None
+    return [
+        verdict("integration alone at most 1.1 times the yardstick", ratio("cvodes"), 1.1, ""),
+        verdict("integration alone, compiled, at most 0.5 times", ratio("rosenbrock, compiled"), 0.5, ""),
+        verdict("`simulate`, all variables, at most 1.1 times", ratio(smooth), 1.1, ""),
+        verdict("`simulate`, all variables, compiled, at most 0.5 times", ratio("simulate, compiled"), 0.5, ""),
+        verdict("with friction events at most 1.5 times the smooth run", ratio("friction", smooth), 1.5, ""),
+        verdict("sampled at 100 Hz at most 3 times the continuous loop", ratio("sampled", smooth), 3.0, ""),
+        verdict("CoupledClutches in less than 0.15 s", clutches, 0.15, " s"),
+    ]
