@@ -186,13 +186,12 @@ def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> ca.SX:
         difference = h.differences[k]
         found.append(ca.if_else(memory.relations[k] > 0.5, -difference, difference) + _band(s, k))
     # a clock ticks just before its time: an indicator that is zero exactly at an output time may be passed over
-    found += [_next_tick(h, memory, k) - 1e-10 * h.periods[k] - s.time for k in range(h.pulses.numel())]
+    found += [_not_zero(_next_tick(h, memory, k) - 1e-10 * h.periods[k] - s.time) for k in range(h.pulses.numel())]
     indicators = ca.SX(ca.vertcat(*found))
     if f.places:
         indicators = ca.substitute(indicators, f.force, force)
     indicators = ca.substitute(indicators, h.pulses, ca.SX.zeros(h.pulses.numel()))
-    # zero exactly at the end of a step would be passed over
-    return ca.if_else(memory.note[0] == 0, ca.if_else(indicators == 0, -1e-300, indicators), 1)
+    return ca.if_else(memory.note[0] == 0, indicators, 1)
 
 
 def _next_tick(h: Hybrid, memory: Memory, k: int) -> ca.SX:

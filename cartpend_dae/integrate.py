@@ -197,10 +197,11 @@ def _fastest_rate(begin: Begin, driven: DrivenInputs, grid: np.ndarray) -> float
     if made is None or n_x > 200:
         return np.inf
     (ode,) = _replaced([s.ode], [(s.frictions.force, made.force)])
-    arguments = [s.time, s.x, s.z, s.u, s.p, made.memory.vector]
+    arguments = [s.time, s.x, s.z, s.u, s.p, made.memory.modes]
     slopes = ca.Function("slopes", arguments, [ca.jacobian(ode, s.x)])
     u = begin.inputs(inputs_at(driven, grid)[:, 0])
-    values = np.asarray(slopes(grid[0], begin.x, begin.z, u, begin.p, begin.memory))
+    modes = made.memory.split(begin.memory)["modes"]
+    values = np.asarray(slopes(grid[0], begin.x, begin.z, u, begin.p, modes))
     return float(np.abs(np.linalg.eigvals(values)).max(initial=0.0)) if np.all(np.isfinite(values)) else np.inf
 
 
