@@ -1,7 +1,5 @@
 """Run a model: adaptive by CasADi's integrators, or with a fixed step as older studies did."""
 
-import contextlib
-import io
 import math
 import reprlib
 from collections.abc import Mapping, Sequence
@@ -11,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.assemble import assemble, check_bounds
+from cartpend_dae.breakdown import breakdown_sentence
 from cartpend_dae.dae import all_variables, dae, parameter_vector
 from cartpend_dae.data import Trajectory
 from cartpend_dae.errors import ModelError, SolverError
@@ -26,12 +25,14 @@ from cartpend_dae.inputs import (
     refined,
     with_knots,
 )
+from cartpend_dae.integration import Integration
 from cartpend_dae.language import Component
 from cartpend_dae.quantities import is_number
 from cartpend_dae.singular import check_regular
 from cartpend_dae.start_conditions import Steady
 from cartpend_dae.stepping import runge_kutta
 from cartpend_dae.system import System
+from cartpend_dae.trouble import trouble_at
 
 Method = Literal["adaptive", "cvodes", "idas", "erk", "rosenbrock", "rk4"]
 
@@ -184,7 +185,8 @@ def _check_start(system: System, start: Start, u: np.ndarray, p: np.ndarray, tim
         listing = ", ".join(f"`{name}`" for name in bad)
         raise SolverError(
             f"{system.name}: the derivative of {listing} is not finite at the start: a mass, inertia, inductance "
-            f"or ratio is zero. Check the parameters in its equation (`cartpend check` prints it)."
+            f"or ratio is zero ({trouble_at(system, time, start.x, start.z, u, p)}). Check the parameters in its "
+            f"equation (`cartpend check` prints it)."
         )
 
 
@@ -242,24 +244,19 @@ def _adaptive(
         options |= {"max_step_size": span / 500, "max_events": 100_000, "transition": settle}
         x_0 = np.concatenate([start.x, _start_modes(system, hybrid, start, driven, p, grid)])
     stacked = np.vstack([driven.left, driven.slope, grid[:-1]])
+    run = Integration(problem, options, grid, x_0, start.z, p, stacked)
     result, reason = None, ""
     # rosenbrock gives up where rounding makes a resting body's acceleration flicker; erk does not mind
-    for name in (
-        (plugin, "erk") if plugin == "rosenbrock" and method == "adaptive" and not system.z.numel() else (plugin,)
-    ):
-        try:
-            with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-                integrator = ca.integrator("run", name, problem, float(grid[0]), grid[1:].tolist(), options)
-                result = integrator(x0=x_0, z0=start.z, p=p, u=stacked)
+    others = ("erk",) if plugin == "rosenbrock" and method == "adaptive" and not system.z.numel() else ()
+    for name in (plugin, *others):
+        plugin = name
+        result, reason = run.run(name, grid.size)
+        if result is not None:
             break
-        except RuntimeError as error:
-            reason = str(error)
     if result is None:
-        raise SolverError(_failure(system, plugin, reason, grid))
+        raise SolverError(breakdown_sentence(system, run, (plugin, reason), inputs_at(driven, grid)))
     x = np.column_stack([x_0, np.asarray(result["xf"])])
     z = np.column_stack([start.z, np.asarray(result["zf"])]) if start.z.size else np.zeros((0, grid.size))
-    if not np.all(np.isfinite(x)):
-        raise SolverError(_failure(system, plugin, "a state is not finite", grid))
     return x[:n_x], z, x[n_x:] if n_f else np.zeros((0, grid.size))
 
 
@@ -386,11 +383,3 @@ def _forces(
         modes = np.where(np.abs(speeds) > 1e-9 * np.abs(speeds).max(initial=0.0), np.sign(speeds), 0.0)
     force = ca.Function("force", arguments, [hybrid.force]).map(grid.size)
     return np.asarray(force(grid[None, :], x, modes, z, u, columns))
-
-
-def _failure(system: System, plugin: str, reason: str, grid: np.ndarray) -> str:
-    tail = reason.strip().splitlines()[-1][:200] if reason.strip() else "no reason given"
-    return (
-        f"{system.name}: {plugin} could not integrate from {grid[0]:g} s to {grid[-1]:g} s ({tail}). "
-        f"Look for a state that runs away, a division by zero or a discontinuity; try `rtol`, or `method`."
-    )

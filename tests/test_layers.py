@@ -34,7 +34,7 @@ LAYERS = """
     assemble structure
     dae
     events
-    start_conditions start_solver
+    start_conditions start_solver trouble
     start_paths
     start_search
     start_failure
@@ -44,7 +44,8 @@ LAYERS = """
     tables
     data
     study
-    stepping inputs
+    stepping inputs integration
+    breakdown
     simulate
     transcribe
     programme

@@ -571,7 +571,7 @@ def test_a_report_separates_fixed_from_guessed():
 
     report = describe_start(Two())
     assert [(v.name, v.value, v.is_assumed) for v in report.values] == [("x", 1.0, True), ("y", 2.0, True)]
-    assert report.values[1].by == ("Two: initial equation 3 (fixed)", "start of `x` (guess)")
+    assert report.values[1].by == ("Two: initial equation 3 for `x`, `y` (fixed)", "start of `x` (guess)")
     assert report.assumed == ("start of `x` (guess)",)
 
 

@@ -279,7 +279,7 @@ def capacitance_of_zero():
 
 @broken(
     ModelError,
-    r"Bench has 3 mistakes:\n  - a: equation 2 is `\(v<=s\)`.*\n"
+    r"Bench has 3 mistakes:\n  - a: equation 2 is `\(Motion\.v<=Motion\.s\)`.*\n"
     r"  - `equations` of `b` .*if_else.*\n  - `connect` in `the model` names a port",
 )
 def mistakes_in_different_components():
@@ -295,7 +295,8 @@ def mistakes_in_different_components():
 
 
 @broken(
-    ModelError, r"Bench has 2 mistakes:\n  - part: equation 1 is `\(x<=1\)`.*\n  - part: equation 2 is `None`.*write"
+    ModelError,
+    r"Bench has 2 mistakes:\n  - part: equation 1 is `\(Part\.x<=1\)`.*\n  - part: equation 2 is `None`.*write",
 )
 def two_mistakes_in_one_component():
     class Part(Component):
