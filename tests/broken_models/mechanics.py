@@ -240,3 +240,29 @@ def position_prescribed_without_its_speed():
             yield self.flange.s == self.f
 
     return assemble(drive("source.flange mass.flange_a", source=Prescribed(), mass=Mass(m=1.0)))
+
+
+@broken(
+    StructureError,
+    r"derivative of its input `push\.f`, at `push` \(Force\), `spring` \(Spring\): a force .*Put a mass",
+)
+def speed_of_a_force_without_mass():
+    parts = {"push": Force(), "wall": translational.Fixed(), "sensor": translational.SpeedSensor()}
+    return assemble(
+        drive(
+            "wall.flange spring.flange_a",
+            "spring.flange_b push.flange sensor.flange",
+            spring=Spring(c=1.0),
+            **parts,
+        )
+    )
+
+
+@broken(
+    StructureError,
+    r"derivative of its input `hot\.T`, at `block` \(HeatCapacitor\), `hot` \(Pre.*\): .*`ThermalConductor`",
+)
+def temperature_prescribed_at_a_heat_capacitor():
+    return assemble(
+        drive("hot.port block.port", hot=thermal.PrescribedTemperature(), block=thermal.HeatCapacitor(C=2.0))
+    )
