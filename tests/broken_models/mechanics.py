@@ -113,7 +113,7 @@ def shaft_fixed_at_both_ends():
 
 @broken(
     StructureError,
-    r"at `one\.ratio` = 3, `two\.ratio` = 3 \(shared .*constraint given twice .*: `one` \(IdealGear\), `two` \(IdealGear\) "
+    r"at `one\.ratio` = 3, `two\.ratio` = 3 \(shared .*constraint given .*: `one` \(IdealGear\), `two` \(IdealGear\) "
     r"hold the same angle.*remove one",
 )
 def two_equal_gears_side_by_side():
