@@ -52,8 +52,8 @@ STRUCTURE = {
     "A": [[0.0, 1.0], [-2.0, -3.0]],
     "B": [[0.0], [1.0]],
     "C": [[1.0, 0.0]],
-    "weights": (2.0, 3.0),
-    "of": (ca.SX.sym("one"), ca.SX.sym("other")),
+    "weights": (),
+    "of": (),
 }
 """Values of the fields that are no parameters and have no default."""
 
