@@ -5,6 +5,7 @@ their derivatives. As these are independent, the sum is unique: its members are 
 """
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -14,6 +15,8 @@ from scipy.sparse.linalg import lsqr
 from cartpend_dae.diagnose import ANY, DOMAINS, Domain, listed
 from cartpend_dae.explain import listed_findings
 from cartpend_dae.system import FlatSystem, parameters_of_all
+
+_MOST_DENSE = 2000
 
 
 def contradiction_sentences(flat: FlatSystem, used: Iterable[int], contradictions: Sequence[tuple[int, float]]) -> str:
@@ -33,7 +36,7 @@ def contradiction_sentences(flat: FlatSystem, used: Iterable[int], contradiction
 
 
 def _sentence(flat: FlatSystem, used: list[int], equation: int, value: float) -> str:
-    origins = [flat.origins[i] for i in [*_culprits(flat, used, equation), equation]]
+    origins = [flat.origins[i] for i in [*culprits(flat, used, flat.residual[equation]), equation]]
     classes = dict(flat.components)
     paths = sorted({path for origin in origins if (path := origin.partition(": ")[0]) in classes})
     if len(paths) > 1:
@@ -57,33 +60,60 @@ def _domain(flat: FlatSystem, paths: list[str]) -> Domain:
     return DOMAINS.get(units.pop(), ANY) if len(units) == 1 else ANY
 
 
-def _culprits(flat: FlatSystem, used: list[int], equation: int) -> list[int]:
-    """Return the equations of which the given one is a sum of multiples; none if numbers do not show it."""
-    jacobian = ca.jacobian(flat.residual[[*used, equation]], ca.vertcat(flat.symbols, flat.derivative_symbols))
+def culprits(
+    flat: FlatSystem, used: list[int], target: ca.SX, others: ca.SX | None = None, values: np.ndarray | None = None
+) -> list[int]:
+    """Return the equations of which an expression is a sum of multiples; none if numbers do not show it.
+
+    Parameters
+    ----------
+    flat, used
+        The flat system, and equations of it that are linear and independent: they count with their derivatives.
+    target
+        A linear expression of variables and derivatives.
+    others
+        Expressions, such as start values, that may stand in the sum besides the equations, not their derivatives.
+    values
+        Values of the independent parameters, None for those of the model.
+    """
+    more_rows = ca.SX(0, 1) if others is None else others
+    jacobian = ca.jacobian(
+        ca.vertcat(flat.residual[used, 0], more_rows, target), ca.vertcat(flat.symbols, flat.derivative_symbols)
+    )
     rows, columns = (np.array(part, dtype=int) for part in jacobian.sparsity().get_triplet())
     elements = ca.sparsity_cast(jacobian, ca.Sparsity.dense(jacobian.nnz(), 1))
     moving = ca.vertcat(flat.symbols, flat.derivative_symbols, flat.time, flat.frictions.force)
     function = ca.Function("entries", [moving, flat.parameter_symbols], [elements])
-    values = np.asarray(function(0, parameters_of_all(flat))).ravel()
+    numbers = np.asarray(function(0, parameters_of_all(flat, values))).ravel()
     keys = [(i, 0) for i in range(len(flat.variables))] + list(flat.derivatives)
     highest = max((order for _, order in keys), default=0)
-    lifted = [(i, keys[j], v) for i, j, v in zip(rows.tolist(), columns.tolist(), values.tolist(), strict=True)]
+    lifted = [(i, keys[j], v) for i, j, v in zip(rows.tolist(), columns.tolist(), numbers.tolist(), strict=True)]
+    n_used, last = len(used), len(used) + more_rows.numel()
+    n = (highest + 1) * n_used
     entries = [
-        (i + more * len(used), (variable, order + more), v)
+        (i + more * n_used, (variable, order + more), v)
         for more in range(highest + 1)
         for i, (variable, order), v in lifted
-        if i < len(used)
+        if i < n_used
     ]
+    entries += [(n + i - n_used, key, v) for i, key, v in lifted if n_used <= i < last]
     known = {key: k for k, key in enumerate(dict.fromkeys(key for _, key, _ in (*entries, *lifted)))}
-    target = np.zeros(len(known))
+    line = np.zeros(len(known))
     for i, key, v in lifted:
-        if i == len(used):
-            target[known[key]] += v
-    n = (highest + 1) * len(used)
+        if i == last:
+            line[known[key]] += v
+    size = np.zeros(n + last - n_used)
+    np.maximum.at(size, [i for i, _, _ in entries], np.abs([v for _, _, v in entries]))
     place = ([known[key] for _, key, _ in entries], [i for i, _, _ in entries])
-    matrix = csr_array((np.nan_to_num([v for _, _, v in entries]), place), shape=(len(known), n))
-    weights, _, _, error = lsqr(matrix, target, atol=1e-13, btol=1e-13)[:4]
-    if not used or error > 1e-6 * np.linalg.norm(target):
+    scaled = np.nan_to_num([v / (size[i] or 1.0) for i, _, v in entries])
+    matrix: Any = csr_array((scaled, place), shape=(len(known), n + last - n_used))
+    if not matrix.shape[1]:
+        return []
+    if matrix.shape[1] <= _MOST_DENSE:
+        weights = np.linalg.lstsq(matrix.toarray(), line)[0]
+    else:
+        weights = lsqr(matrix, line, atol=1e-13, btol=1e-13)[0]
+    if np.linalg.norm(matrix @ weights - line) > 1e-6 * np.linalg.norm(line):
         return []
     members = np.flatnonzero(np.abs(weights) > 1e-6 * np.abs(weights).max(initial=0.0))
-    return sorted({used[i % len(used)] for i in members.tolist()})
+    return sorted({used[i % n_used] for i in members.tolist() if i < n})

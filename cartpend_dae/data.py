@@ -7,7 +7,7 @@ the row (counted from 0, as `rows` of the study counts them).
 import math
 import os
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from itertools import islice
 from pathlib import Path
@@ -172,16 +172,21 @@ class Trajectory:
     names: tuple[str, ...]
     values: FloatArray
     units: tuple[str, ...]
+    columns: Mapping[str, int] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Make the table of names."""
+        object.__setattr__(self, "columns", {name: k for k, name in enumerate(self.names)})
 
     def __getitem__(self, name: str) -> FloatArray:
         if name == "time":
             return self.time
-        if name not in self.names:
+        if name not in self.columns:
             raise KeyError(f"The trajectory has no variable `{name}`; {_nearest(name, self.names)}")
-        return self.values[:, self.names.index(name)]
+        return self.values[:, self.columns[name]]
 
     def __contains__(self, name: object) -> bool:
-        return name == "time" or name in self.names
+        return name == "time" or name in self.columns
 
     def with_constants(self, constants: Mapping[str, float], units: Iterable[str]) -> "Trajectory":
         """Return the trajectory with a column more for each constant, in SI `units`."""

@@ -16,6 +16,7 @@ from cartpend_dae.graph import DisjointSets, dulmage_mendelsohn
 from cartpend_dae.system import AliasedSystem, FlatSystem
 
 MOST_NAMES = 8  # longer lists are cut: who mends the first sees the others next
+MOST_CULPRITS = 16  # any of them may be the one: more are shown
 MOST_UNKNOWNS = 400  # above it the null space, a dense matrix, is not asked for
 
 
@@ -76,10 +77,10 @@ def singular_sentence(
     )
 
 
-def listed(items: Sequence[str], separator: str) -> str:
+def listed(items: Sequence[str], separator: str, *, most: int = MOST_NAMES) -> str:
     """Return items in one text, of long lists the first."""
-    more = [f"and {len(items) - MOST_NAMES} more"] if len(items) > MOST_NAMES else []
-    return separator.join([*items[:MOST_NAMES], *more]) or "none"
+    more = [f"and {len(items) - most} more"] if len(items) > most else []
+    return separator.join([*items[:most], *more]) or "none"
 
 
 def _counts(items: Sequence[object], kind: str, others: Sequence[object], other_kind: str) -> str:
@@ -197,6 +198,89 @@ def no_reference(flat: FlatSystem, potentials: list[int]) -> str:
         f"a missing ground{'' if domain.flow == 'current' else ' or body'}: nothing fixes the {domain.potential} of "
         f"{_owners(flat, potentials)}; connect {domain.reference} to one of their ports"
     )
+
+
+PRESCRIBED = {
+    ("V", "A"): "a voltage is prescribed at a capacitor, or a current at an inductor. Put a resistor between them",
+    ("m", "m/s", "rad", "rad/s"): "a motion is prescribed without its speed. Drive it by a force or through a spring",
+    ("N",): "a force acts where no mass is, so that the speed follows the changes of the force. Put a mass there",
+    ("N.m",): "a torque acts where no inertia is, so that the speed follows the changes of the torque. Put an inertia "
+    "there",
+    ("K",): "a temperature is prescribed at a heat capacitor. Put a `ThermalConductor` between them",
+    ("W",): "a heat flow acts where nothing stores heat, and the rate of the temperature is asked for. Put a "
+    "`HeatCapacitor` there",
+}
+"""Why the derivative of an input may be asked for, and the cure, by the unit of the input or of what it drives."""
+
+
+def input_derivative_sentence(aliased: AliasedSystem, base: int, differentiated: Sequence[int] = ()) -> str:
+    """Return the sentence for an input whose derivative the equations ask for: where, why, and the cure.
+
+    Parameters
+    ----------
+    aliased, base
+        The system, and the input.
+    differentiated
+        The equations that are to be differentiated.
+    """
+    flat = aliased.flat
+    relatives = [i for i, relation in enumerate(aliased.relations) if relation.base == base]
+    asked = {k for k, key in enumerate(aliased.keys) if key[0] == base and key[1] > 0}
+    entries = list(zip(*ca.jacobian_sparsity(aliased.residual, aliased.symbols).get_triplet(), strict=True))
+    rows = {i for i, k in entries if k in asked}
+    rows |= _joined(differentiated, [(i, aliased.keys[k][0]) for i, k in entries], base)
+    paths = {owner_of(flat, i) for i in relatives if aliased.relations[i].order or not rows}
+    paths |= {owner_of(flat, base)} | {path for i in rows for path in paths_of(flat, aliased.origins[i])}
+    units = [flat.variables[i].declaration.unit for i in sorted(relatives, key=lambda i: i != base)]
+    ways = (why for unit in units for known, why in PRESCRIBED.items() if unit in known)
+    why = next(ways, "a signal is differentiated that may jump. Pass it through a lag, such as `FirstOrder`")
+    return (
+        f"{flat.name} needs the derivative of its input `{flat.variables[base].name}`, at {with_classes(flat, paths)}: "
+        f"{why}, or supply its derivative as well."
+    )
+
+
+def _joined(rows: Sequence[int], pairs: list[tuple[int, int]], base: int) -> set[int]:
+    """Return those of the rows that variables join to the base, one to the next."""
+    sets = DisjointSets()
+    for row, variable in pairs:
+        if row in set(rows):
+            sets.join(("row", row), ("variable", variable))
+    groups = [set(members) for members in sets.sets()]
+    return {i for group in groups if ("variable", base) in group for kind, i in group if kind == "row"}  # type: ignore[misc]
+
+
+def paths_of(flat: FlatSystem, origin: str) -> list[str]:
+    """Return the paths of the components that an equation belongs to, or whose ports it joins."""
+    known = {path for path, _ in flat.components}
+    head, _, _ = origin.replace("derivative of ", "").partition(":")
+    names = head.removeprefix("connection of ").removeprefix("unconnected ").split(", ")
+    if names == [head]:
+        return [head if head in known else ""]
+    return [next((path for path in (_parent(name), _parent(_parent(name))) if path in known), "") for name in names]
+
+
+def joined_paths(flat: FlatSystem, origin: str) -> list[str]:
+    """Return the paths of the components of an equation; of a connection those of all ports that it joins."""
+    head, _, _ = origin.replace("derivative of ", "").partition(":")
+    ends = set(head.removeprefix("connection of ").split(", "))
+    whole = next((members for members in flat.connections if ends <= set(members)), ())
+    return paths_of(flat, f"connection of {', '.join(whole)}: all" if whole else origin)
+
+
+def owner_of(flat: FlatSystem, member: int) -> str:
+    """Return the path of the component that a variable, or a variable of its ports, belongs to."""
+    variable = flat.variables[member]
+    return _owner(flat, member) if variable.kind in ("potential", "flow") else _parent(variable.name)
+
+
+def with_classes(flat: FlatSystem, paths: Iterable[str]) -> str:
+    """Return components by name and class, those without parts of their own if there are any."""
+    classes = dict(flat.components)
+    composite = {_parent(path) for path in classes if path}
+    found = set(paths)
+    chosen = sorted(found - composite) or sorted(found)
+    return listed([f"`{path or flat.name}` ({classes[path]})" for path in chosen], ", ", most=MOST_CULPRITS)
 
 
 def _parent(name: str) -> str:

@@ -186,7 +186,7 @@ def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> ca.SX:
         difference = h.differences[k]
         found.append(ca.if_else(memory.relations[k] > 0.5, -difference, difference) + _band(s, k))
     # a clock ticks just before its time: an indicator that is zero exactly at an output time may be passed over
-    found += [_not_zero(_next_tick(h, memory, k) - 1e-10 * h.periods[k] - s.time) for k in range(h.pulses.numel())]
+    found += [_next_tick(h, memory, k) - 1e-10 * h.periods[k] - s.time for k in range(h.pulses.numel())]
     indicators = ca.SX(ca.vertcat(*found))
     if f.places:
         indicators = ca.substitute(indicators, f.force, force)

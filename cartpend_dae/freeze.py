@@ -63,11 +63,23 @@ def freeze(
         origins=tuple(tables.origins),
         groups=tuple(groups),
         hybrid=hybrid.with_laws(parts[7:]),
-        initials=Initials(initials, tuple(i.fixed for _, i in tables.initials), tuple(o for o, _ in tables.initials)),
+        initials=_initials(tables, initials, ca.vertcat(symbols, derivatives), list(known)),
         connections=tuple(tuple(end_name(tables, end) for end in members) for members in tables.sets.sets()),  # type: ignore[arg-type]
     )
     _check_symbols(tables, flat, used, unknown)
     return flat
+
+
+def _initials(tables: Gathered, residual: ca.SX, symbols: ca.SX, derivatives: list[tuple[int, int]]) -> Initials:
+    """Return the initial equations, each with the names of what it starts."""
+    names = [variable.name for variable in tables.variables]
+    names += ["der(" * order + names[i] + ")" * order for i, order in derivatives]
+    started: list[list[str]] = [[] for _ in tables.initials]
+    for row, column in zip(*ca.jacobian_sparsity(residual, symbols).get_triplet(), strict=True):
+        started[row].append(f"`{names[column]}`")
+    whose = (f" for {', '.join(those[:8])}" if those else "" for those in started)
+    origins = (origin + more for (origin, _), more in zip(tables.initials, whose, strict=True))
+    return Initials(residual, tuple(i.fixed for _, i in tables.initials), tuple(origins))
 
 
 def _stack(items: list[ca.SX]) -> ca.SX:

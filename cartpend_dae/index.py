@@ -16,13 +16,12 @@ U. M. Ascher, H. Chin, S. Reich, Numer. Math. 67 (1994), 131-149, doi:10.1007/s0
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import NoReturn
 
 import casadi as ca
 import numpy as np
 
 from cartpend_dae.alias import present_value
-from cartpend_dae.diagnose import singular_sentence
+from cartpend_dae.diagnose import input_derivative_sentence, singular_sentence
 from cartpend_dae.errors import StructureError
 from cartpend_dae.graph import matching, structural_offsets
 from cartpend_dae.selection import Key, check_demands, demanded_orders, rank, wishes
@@ -50,7 +49,7 @@ def reduce_index(aliased: AliasedSystem) -> IndexedSystem:
     for base, order in aliased.keys:
         wanted[base] = max(order, wanted.get(base, 0))
         if base in inputs and order > 0:
-            _refuse_input_derivative(aliased, base)
+            raise StructureError(input_derivative_sentence(aliased, base))
     for base, order in demanded_orders(aliased).items():
         wanted[base] = max(order, wanted[base])
     bases = [base for base in wanted if base not in inputs]
@@ -166,24 +165,11 @@ def _total_derivative(aliased: AliasedSystem, equations: list[int]) -> ca.SX:
     keys = [aliased.keys[k] for k in used]
     for base, _ in keys:
         if base in flat.inputs or base in flat.hybrid.discretes:
-            _refuse_input_derivative(aliased, base)
+            raise StructureError(input_derivative_sentence(aliased, base, equations))
     lower = ca.vertcat(*[table[key] for key in keys]) if keys else ca.SX(0, 1)
     upper = ca.vertcat(*[table[base, order + 1] for base, order in keys]) if keys else ca.SX(0, 1)
     moved = ca.jtimes(residual, lower, upper) if keys else ca.SX.zeros(len(equations))
     return moved + ca.jacobian(residual, flat.time)
-
-
-def _refuse_input_derivative(aliased: AliasedSystem, base: int) -> NoReturn:
-    variable = aliased.flat.variables[base]
-    why = (
-        "a voltage is prescribed at a capacitor, or a current at an inductor. Put a resistor between them"
-        if variable.declaration.unit in ("V", "A")
-        else "a motion is prescribed without its speed. Drive it by a force or through a spring"
-    )
-    raise StructureError(
-        f"{aliased.flat.name} needs the derivative of its input `{variable.name}`: {why}, or supply its derivative "
-        f"as well."
-    )
 
 
 def _dummy_derivatives(

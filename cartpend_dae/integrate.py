@@ -1,7 +1,5 @@
 """From a consistent start through all events to the states at the output times, by CasADi's integrators."""
 
-import contextlib
-import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -9,12 +7,14 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
+from cartpend_dae.breakdown import breakdown_sentence
 from cartpend_dae.dae import all_variables
 from cartpend_dae.data import Trajectory
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.events import CHATTER, Machine, initial_memory, machine
 from cartpend_dae.initialize import Start, algebraics_along
 from cartpend_dae.inputs import DrivenInputs, inputs_at
+from cartpend_dae.integration import Integration
 from cartpend_dae.system import System
 
 Method = Literal["adaptive", "cvodes", "idas", "erk", "rosenbrock", "rk4"]
@@ -152,23 +152,17 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
         span = float(grid[-1] - grid[0])
         # after an event an indicator counts only above `event_tol`: with its default of 1e-6 close events are lost
         options |= {"max_step_size": span / 500, "max_events": MOST_EVENTS, "transition": transition, "event_tol": 0.0}
-    reason, plugins = "", _plugins(begin, driven, grid, choice.method)
-    for plugin in plugins:
-        extra = {"max_num_steps": 1_000_000} if plugin in ("cvodes", "idas") else {}
-        try:
-            with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-                integrator = ca.integrator("run", plugin, problem, float(grid[0]), grid[1:].tolist(), options | extra)
-                given = {"u": stacked} if stacked.size else {}
-                result = integrator(x0=x_0, z0=begin.z, p=begin.p, **given)
+    whole = Integration(problem, options, grid, x_0, begin.z, begin.p, stacked)
+    plugin, result, reason = "", None, ""
+    for plugin in _plugins(begin, driven, grid, choice.method):
+        result, reason = whole.run(plugin, grid.size)
+        if result is not None:
             break
-        except RuntimeError as error:
-            reason = str(error)
-    else:
-        raise SolverError(_failure(system, plugins[0], reason, grid))
+    if result is None:
+        u = begin.inputs(inputs_at(driven, grid), np.tile(begin.memory[:, None], grid.size))
+        raise SolverError(breakdown_sentence(system, whole, (plugin, reason), u))
     x = np.column_stack([x_0, np.asarray(result["xf"])])
     z = np.column_stack([begin.z, np.asarray(result["zf"])]) if begin.z.size else np.zeros((0, grid.size))
-    if not np.all(np.isfinite(x)):
-        raise SolverError(_failure(system, plugins[0], "a state is not finite", grid))
     run = Run(x[: begin.x.size], z, None if made is None else x[begin.x.size :])
     _check_end(begin, run)
     return run
@@ -289,14 +283,6 @@ def _check_end(begin: Begin, run: Run) -> None:
     raise SolverError(
         f"{name}: events of {places} follow each other without end at {time:.6g} s. Let what bounces come to rest "
         f"below a small speed, or give what switches a width (two thresholds)."
-    )
-
-
-def _failure(system: System, plugin: str, reason: str, grid: np.ndarray) -> str:
-    tail = reason.strip().splitlines()[-1][:200] if reason.strip() else "no reason given"
-    return (
-        f"{system.name}: {plugin} could not integrate from {grid[0]:g} s to {grid[-1]:g} s ({tail}). "
-        f"Look for a state that runs away, a division by zero or a discontinuity; try `rtol`, or `method`."
     )
 
 

@@ -81,10 +81,14 @@ def state_of(instance: object) -> InstanceState:
 
 
 def symbol_of(instance: object, name: str) -> ca.SX:
-    """Return the symbol of a quantity of one component or port, the same at every call."""
+    """Return the symbol of a quantity of one component or port, the same at every call.
+
+    Its name tells the class of the component, `Mass.flange_a.s`: a symbol may outlive its owner, as a mistake.
+    """
     symbols = state_of(instance).symbols
     if name not in symbols:
-        symbols[name] = ca.SX.sym(name)
+        owner = f"{type(instance.owner).__name__}.{instance.name}" if isinstance(instance, Port) else None
+        symbols[name] = ca.SX.sym(f"{owner or type(instance).__name__}.{name}")
     return symbols[name]
 
 

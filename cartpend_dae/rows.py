@@ -144,8 +144,9 @@ def _numbers(values: ca.SX) -> dict[int, int | Fraction]:
     symbols = ca.symvar(values)
     if not symbols:
         return {i: exact(float(value)) for i, value in enumerate(np.asarray(ca.DM(values)).ravel())}
-    symbolic = set(ca.jacobian_sparsity(values, ca.vertcat(*symbols)).get_triplet()[0])
-    numbers = np.asarray(ca.Function("numbers", symbols, [values]).call([0.0] * len(symbols))[0])
+    column = ca.vertcat(*symbols)
+    symbolic = set(ca.jacobian_sparsity(values, column).get_triplet()[0])
+    numbers = np.asarray(ca.Function("numbers", [column], [values])(0))
     return {i: exact(float(numbers[i, 0])) for i in range(values.numel()) if i not in symbolic}
 
 

@@ -32,6 +32,7 @@ from cartpend_dae.start_conditions import Steady
 from cartpend_dae.stepping import runge_kutta
 from cartpend_dae.system import System
 from cartpend_dae.time_events import with_time_events
+from cartpend_dae.trouble import trouble_at
 
 
 def simulate(
@@ -186,7 +187,8 @@ def _check_start(begin: Begin, u: np.ndarray, time: float) -> None:
         listing = ", ".join(f"`{name}`" for name in bad)
         raise SolverError(
             f"{system.name}: the derivative of {listing} is not finite at the start: a mass, inertia, inductance "
-            f"or ratio is zero. Check the parameters in its equation (`cartpend check` prints it)."
+            f"or ratio is zero ({trouble_at(system, time, begin.x, begin.z, begin.inputs(u), begin.p)}). Check the "
+            f"parameters in its equation (`cartpend check` prints it)."
         )
 
 

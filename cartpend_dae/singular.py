@@ -15,7 +15,16 @@ import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
-from cartpend_dae.diagnose import MOST_UNKNOWNS, domain_of, given_twice, listed, no_reference
+from cartpend_dae.diagnose import (
+    MOST_UNKNOWNS,
+    domain_of,
+    given_twice,
+    listed,
+    no_reference,
+    owner_of,
+    paths_of,
+    with_classes,
+)
 from cartpend_dae.errors import StructureError
 from cartpend_dae.explain import listed_findings
 from cartpend_dae.system import AliasedSystem, System, parameters_of_all
@@ -199,7 +208,9 @@ def _dependence(
     one = next(iter(at)) if len(at) == 1 else "one of these parameters"
     cure = f"{f'Change {one}, or replace' if at else 'Replace'} "
     if len(equations) == 1:
-        what = f"{origins[0]} does not determine {unknowns}, whose factor in it is zero{where}"
+        shared = _sharing(aliased, keys[0][0])
+        more = "" if shared <= set(paths_of(flat, origins[0])) else f" (shared by {with_classes(flat, shared)})"
+        what = f"{origins[0]} does not determine {unknowns}, whose factor in it is zero{where}{more}"
         cure += f"the equation by one that determines {unknowns}"
     else:
         what = (
@@ -256,7 +267,7 @@ def _locked(aliased: AliasedSystem, equation: int, key: Key, parameters: np.ndar
     still, it is a product.
     """
     flat = aliased.flat
-    origin = aliased.origins[equation]
+    origin = _undifferentiated(aliased.origins[equation])
     position = {key: k for k, key in enumerate(aliased.keys)}
     used = {symbol.element_hash() for symbol in ca.symvar(aliased.residual[equation])}
     moving = ca.vertsplit(ca.vertcat(aliased.symbols, flat.time, flat.frictions.force))
@@ -273,11 +284,17 @@ def _locked(aliased: AliasedSystem, equation: int, key: Key, parameters: np.ndar
         i for i, variable in enumerate(flat.variables) if variable.name.rpartition(".")[0].rpartition(".")[0] in owners
     ]
     return (
-        f"{origin} holds only where `{flat.variables[key[0]].name}` stands still, at "
+        f"{origin} holds only where `{flat.variables[key[0]].name}` stands still, and with it "
+        f"{with_classes(flat, _sharing(aliased, key[0]))}, at "
         f"{listed([f'{name} = {value:g}' for name, value in at.items()], ', ')}: "
         f"{listed([f'`{path}` ({classes[path]})' for path in owners], ', ')} lock each other; remove one of them, or "
         f"put {domain_of(flat, members).compliance} between them."
     )
+
+
+def _sharing(aliased: AliasedSystem, base: int) -> set[str]:
+    """Return the paths of the components that share a quantity, up to factors and derivatives."""
+    return {owner_of(aliased.flat, i) for i, relation in enumerate(aliased.relations) if relation.base == base}
 
 
 def _cause(aliased: AliasedSystem, keys: Sequence[Key], parameters: np.ndarray, *, is_structural: bool) -> str:

@@ -202,7 +202,8 @@ def _solve_blocks(
         if any(column in inside and other in inside for i in equations for column, other in varying.get(i, ())):
             torn = tear_block(aliased.residual[equations], unknowns[own])
             nonlinear += [(equations[i], own[j]) for i, j in zip(torn.equations, torn.unknowns, strict=True)]
-            made.append(Block(names, origins, "nonlinear", tuple(names[j] for j in torn.unknowns)))
+            kept = tuple(names[j] for j in torn.unknowns), tuple(origins[i] for i in torn.equations)
+            made.append(Block(names, origins, "nonlinear", *kept))
             sequence.append([own[j] for j, _ in torn.definitions])
             solutions += [(sequence[-1], ca.vertcat(*[value for _, value in torn.definitions]))]
             continue

@@ -154,15 +154,14 @@ def _check_unknown(system: System, request: Request) -> None:
 
 def _rows(s: System, request: Request) -> _Rows:
     rows = _Rows()
-    index = {variable.name: i for i, variable in enumerate(s.variables)} if request.start else {}
-    rows.add(s.alg, Rank.EQUATION, [o for block in s.blocks if block.how == "nonlinear" for o in block.origins])
+    rows.add(s.alg, Rank.EQUATION, [origin for block in s.blocks for origin in block.left])
     rows.add(s.invariants, Rank.EQUATION, s.invariant_origins)
     still = _still(s, request.steady)
     if still:
         names = list(s.states) if request.steady is True else still
         rows.add(_rates(s, request.steady), Rank.STEADY, [f"the rest of `{name}`" for name in names], names)
     given = list(request.start)
-    where = [index[name] if name in index else s.index_of(name) for name in given]
+    where = [s.index_of(name) for name in given]
     values = ca.SX(ca.DM([float(request.start[name]) for name in given]))
     rows.add(s.outputs[where, 0] - values, Rank.CALLER, [f"start of `{name}`" for name in given], given)
     fixed = [Rank.FIXED if is_fixed else Rank.GUESS for is_fixed in s.initials.fixed]

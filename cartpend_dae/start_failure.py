@@ -2,15 +2,23 @@
 
 from itertools import islice
 
+import casadi as ca
 import numpy as np
 
+from cartpend_dae.contradiction import culprits
+from cartpend_dae.diagnose import joined_paths, with_classes
+from cartpend_dae.rows import linear_rows
 from cartpend_dae.start_conditions import Conditions, Rank, Request
 from cartpend_dae.start_search import ranked
 from cartpend_dae.start_solver import Outcome, dependence, finite_rows, first_guess, newton, shifted
 from cartpend_dae.system import System
+from cartpend_dae.trouble import trouble_at
 
 MOST_TRIALS = 20
 """So many start values are tried one by one where they cannot all hold: each costs a search."""
+
+MOST_EQUATIONS = 5000
+"""Of larger models the components behind a contradiction are not searched."""
 
 
 def failure_sentence(
@@ -20,10 +28,12 @@ def failure_sentence(
     finite = finite_rows(outcome.residual, outcome.jacobian)
     wanted = conditions.ranks <= Rank.FIXED
     if not outcome.is_finite or not np.all(finite[wanted]):
-        bad = _listed([conditions.names[i] for i in np.flatnonzero(wanted & ~finite).tolist()])
+        bad = [conditions.names[i] for i in np.flatnonzero(wanted & ~finite).tolist()]
+        where = _trouble(system, request, conditions, outcome)
+        more = f"; {where}" if where and not any(name in where for name in bad) else ""
         return (
             f"{system.name}: the start equations give no finite numbers at the guess; give start values. "
-            f"Without a finite value or slope: {bad}. Tried: {_listed(tried)}."
+            f"Without a finite value or slope: {_listed(bad)}{more}. Tried: {_listed(tried)}."
         )
     broken = sorted(outcome.broken.tolist(), key=lambda i: -abs(outcome.residual[i]))
     missing = "; ".join(f"{conditions.names[i]} misses by {abs(outcome.residual[i]):.3g}" for i in broken[:8])
@@ -33,13 +43,15 @@ def failure_sentence(
     if len(conflict) == 1:
         return (
             f"{system.name}: the start values contradict each other or the equations: {missing}. "
-            f"The equations alone rule out {_value(system, conditions, request, conflict[0])}. Drop one of the two."
+            f"The equations{_held_by(system, conditions, request, conflict)} alone rule out "
+            f"{_value(system, conditions, request, conflict[0])}. Drop one of the two."
         )
     if conflict:
         others = _listed([conditions.names[i] for i in conflict if i not in broken])
         return (
             f"{system.name}: the start values contradict each other or the equations: {missing}. "
-            f"In use already: {others}. Drop one of them. These cannot hold together with the equations: "
+            f"In use already: {others}. Drop one of them. These cannot hold together with the equations"
+            f"{_held_by(system, conditions, request, conflict)}: "
             f"{_listed([_value(system, conditions, request, i) for i in conflict])}."
         )
     what = "steady state" if request.steady else "consistent start"
@@ -47,6 +59,14 @@ def failure_sentence(
         f"{system.name}: no {what} was found: {missing or 'the modes of dry friction do not settle'}. "
         f"Tried: {_listed(tried)}. Give start values near a solution, or check whether there is one."
     )
+
+
+def _trouble(system: System, request: Request, conditions: Conditions, outcome: Outcome) -> str:
+    """Name the equations behind what is not finite where a search ended."""
+    n_x, n_z, n_f, _ = conditions.sizes
+    p = np.array(request.p, dtype=float)
+    p[list(conditions.unknown)] = outcome.point[n_x + n_z + n_f :]
+    return trouble_at(system, request.time, outcome.point[:n_x], outcome.point[n_x : n_x + n_z], request.u, p)
 
 
 def _no_rest(system: System, conditions: Conditions, outcome: Outcome, broken: list[int]) -> str:
@@ -109,6 +129,44 @@ def _is_solvable(conditions: Conditions, request: Request, mode: np.ndarray, wit
     return any(newton(problem, point).is_solved for point in (guess, *islice(shifted(guess, conditions.scale), 4)))
 
 
+def _held_by(system: System, conditions: Conditions, request: Request, conflict: list[int]) -> str:
+    """Name the components whose linear equations, with the other start values, fix the first of these."""
+    flat = system.flat
+    if len(flat.origins) > MOST_EQUATIONS:
+        return ""
+    initials = {origin: flat.initials.residual[i] for i, origin in enumerate(flat.initials.origins)}
+    about = [conditions.about[i] for i in conflict]
+    said = [
+        flat.symbols[system.index_of(name)] if name else initials[conditions.names[i]]
+        for i, name in zip(conflict, about, strict=True)
+    ]
+    linear = [row.equation for row in linear_rows(flat)]
+    found = culprits(flat, linear, said[0], ca.vertcat(*said[1:]), request.p)
+    origins = [flat.origins[i] for i in found] or _upstream(system, ca.vertcat(*said))
+    paths = {path for origin in origins for path in joined_paths(flat, origin)}
+    return f" of {with_classes(flat, paths)}" if paths else ""
+
+
+def _upstream(system: System, expressions: ca.SX) -> list[str]:
+    """Return where the equations stand that give what the expressions hold, from the states on."""
+    aliased = system.aliased
+    row_of = {origin: i for i, origin in enumerate(aliased.origins)}
+    block_of = {name: block for block in system.blocks for name in block.unknowns}
+    labels = [system.names[key] for key in aliased.keys]
+    used = ca.jacobian_sparsity(expressions, ca.vertcat(aliased.flat.symbols)).get_triplet()[1]
+    relations = [aliased.relations[i] for i in set(used)]
+    waiting = [system.names[key] for r in relations if (key := (r.base, r.order)) in system.names]
+    found: dict[str, None] = {}
+    while waiting:
+        block = block_of.get(waiting.pop())
+        if block is None or block.origins[0] in found:
+            continue
+        found |= dict.fromkeys(block.origins)
+        rows = aliased.residual[[row_of[origin] for origin in block.origins], 0]
+        waiting += [labels[k] for k in set(ca.jacobian_sparsity(rows, aliased.symbols).get_triplet()[1])]
+    return list(found)
+
+
 def _value(system: System, conditions: Conditions, request: Request, row: int) -> str:
     name = conditions.about[row]
     if conditions.ranks[row] != Rank.CALLER:
@@ -122,8 +180,9 @@ def unit_of(system: System, name: str) -> str:
     if inner is not None:
         unit = unit_of(system, inner) or " 1"
         return f"{unit}2" if unit.endswith("/s") else f"{unit}/s"
-    declared = [q.declaration.unit for q in (*system.variables, *system.parameters) if q.name == name]
-    return f" {declared[0]}" if declared and declared[0] != "1" else ""
+    groups = zip(system.positions, (system.variables, system.parameters), strict=True)
+    declared = next((group[table[name]].declaration.unit for table, group in groups if name in table), "1")
+    return "" if declared == "1" else f" {declared}"
 
 
 def _listed(items: list[str]) -> str:

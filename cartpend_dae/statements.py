@@ -168,8 +168,9 @@ def users_of(symbols: ca.SX, residual: ca.SX, origins: Sequence[str]) -> list[li
 
 def foreign_sentence(what: str, users: Sequence[str]) -> str:
     """Return the sentence for a quantity that no part of the model has, and the equations that use it."""
+    verb = "use" if len(users) > 1 else "uses"
     return (
-        f"{' and '.join(users) or 'An equation'} uses {what} of a component that is not part of the model: {STORE}, "
+        f"{' and '.join(users) or 'An equation'} {verb} {what} of a component that is not part of the model: {STORE}, "
         f"under one name."
     )
 

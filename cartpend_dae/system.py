@@ -1,6 +1,6 @@
 """The frozen data that the passes hand on: FlatSystem -> AliasedSystem -> System."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from fractions import Fraction
 from typing import Literal
@@ -171,12 +171,14 @@ class Block:
     """Equations solved together, the unknowns they give, and how.
 
     Of a nonlinear block `tearing` are the unknowns that are iterated; the others follow from them explicitly.
+    `left` says where the equations stand that are left for these.
     """
 
     unknowns: tuple[str, ...]
     origins: tuple[str, ...]
     how: Literal["explicit", "linear", "nonlinear"]
     tearing: tuple[str, ...] = ()
+    left: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +196,7 @@ class System:
 
     All expressions are CasADi SX in `time`, `x`, `z`, `u`, `p` and `frictions.force`. `invariants` are
     constraints between the states that a start must meet and that `ode` keeps; `dummies` are the variables that are no
-    states because a constraint gives them, and its origin.
+    states because a constraint gives them, and its origin. `positions` finds variables and independent parameters.
     """
 
     name: str
@@ -225,6 +227,12 @@ class System:
     redundant: tuple[str, ...]
     aliased: AliasedSystem
     names: dict[tuple[int, int], str]
+    positions: tuple[dict[str, int], dict[str, int]] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Make the tables of names."""
+        tables = tuple({q.name: i for i, q in enumerate(group)} for group in (self.variables, self.parameters))
+        object.__setattr__(self, "positions", tables)
 
     def index_of(self, name: str) -> int:
         """Return the index of a variable.
@@ -234,10 +242,10 @@ class System:
         ModelError
             If the model has no such variable; the sentence offers the nearest names.
         """
-        for index, variable in enumerate(self.variables):
-            if variable.name == name:
-                return index
-        raise ModelError(unknown_name("variable", name, [v.name for v in self.variables], self.name))
+        variables, _ = self.positions
+        if name in variables:
+            return variables[name]
+        raise ModelError(unknown_name("variable", name, [*variables], self.name))
 
     def parameter_index(self, name: str) -> int:
         """Return the index of an independent parameter.
@@ -247,15 +255,15 @@ class System:
         ModelError
             If the model has no such parameter, or if it follows from others.
         """
-        for index, parameter in enumerate(self.parameters):
-            if parameter.name == name:
-                return index
+        _, parameters = self.positions
+        if name in parameters:
+            return parameters[name]
         if any(parameter.name == name for parameter in self.flat.parameters):
             raise ModelError(
                 f"Parameter `{name}` of {self.name} is set by an expression of other parameters; "
                 f"name one of those instead."
             )
-        raise ModelError(unknown_name("parameter", name, [q.name for q in self.parameters], self.name))
+        raise ModelError(unknown_name("parameter", name, [*parameters], self.name))
 
     def unit_of(self, name: str) -> str:
         """Return the SI unit of a variable."""

@@ -222,7 +222,9 @@ def test_initial_equations_are_checked():
             yield initial(self.mass.s == 0.1)
             yield initial(self.mass.v == self.mass.s)
 
-    assert only_finding(Started()) == ("Started: initial equation 2: `mass.v` is in `m/s`, but `mass.s` in `m`.")
+    assert only_finding(Started()) == (
+        "Started: initial equation 2 for `mass.s`, `mass.v`: `mass.v` is in `m/s`, but `mass.s` in `m`."
+    )
 
 
 @pytest.mark.parametrize(

@@ -227,7 +227,8 @@ def test_contradictory_initial_equations_name_both():
             yield initial(self.x == 4)
 
     with pytest.raises(
-        SolverError, match=r"Torn: initial equation 3 misses by 1. In use already: Torn: initial equation 2"
+        SolverError,
+        match=r"Torn: initial equation 3 for `x` misses by 1. In use already: Torn: initial equation 2 for `x`",
     ):
         simulate(Torn(), 1.0)
 
@@ -247,7 +248,7 @@ def test_a_start_of_one_variable_does_not_hide_a_contradiction_elsewhere():
             yield initial(self.x == 3)
             yield initial(self.x == 4)
 
-    with pytest.raises(SolverError, match="initial equation 3 misses by 1"):
+    with pytest.raises(SolverError, match=r"initial equation 3 for `torn\.x` misses by 1"):
         simulate(joined(torn=Torn(), other=Decay()), 1.0, start={"other.x": 2.0})
 
 

@@ -293,7 +293,7 @@ def test_der_names_a_quantity_of_a_foreign_component():
         yield self.x == der(stranger.s)
 
     with pytest.raises(
-        ModelError, match=re.escape("equation 1 uses `der(s)` of a component that is not part of the model: store")
+        ModelError, match=re.escape("equation 1 uses `der(Mass.s)` of a component that is not part of the model: store")
     ):
         assemble(scalar_model(equations, "x"))
 
@@ -311,7 +311,7 @@ def test_connect_refuses_what_does_not_fit():
     ):
         connect(mass.flange_b, inertia.flange_a)
     with pytest.raises(
-        ModelError, match=re.escape("`Mass.flange_b` (translational.Flange) and `f` (signal) do not fit")
+        ModelError, match=re.escape("`Force.f` (signal) and `Mass.flange_b` (translational.Flange) do not fit")
     ):
         connect(mass.flange_b, force.f)
 

@@ -36,7 +36,7 @@ LAYERS = """
     assemble structure
     dae
     events
-    start_conditions start_solver
+    start_conditions start_solver trouble
     start_paths
     start_search
     start_failure
@@ -46,8 +46,8 @@ LAYERS = """
     tables
     data
     study
-    linear_model stepping inputs
-    operating_point
+    linear_model stepping inputs integration
+    operating_point breakdown
     linearize design
     time_events integrate
     simulate

@@ -45,7 +45,17 @@ def label(cls):
 COMPONENTS = classes_of(Component)
 
 
-STRUCTURE = {"a": (2.0, 1.0), "b": (3.0,), "gains": {"phi": 2.0, "w": 3.0}, "table": ((0.0, 1.0), (2.0, 5.0))}
+STRUCTURE = {
+    "a": (2.0, 1.0),
+    "b": (3.0,),
+    "gains": {"phi": 2.0, "w": 3.0},
+    "table": ((0.0, 1.0), (2.0, 5.0)),
+    "A": [[0.0, 1.0], [-2.0, -3.0]],
+    "B": [[0.0], [1.0]],
+    "C": [[1.0, 0.0]],
+    "weights": (),
+    "of": (),
+}
 """Values of the fields that are no parameters and have no default."""
 
 

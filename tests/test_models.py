@@ -22,6 +22,9 @@ FILES = sorted(path.stem for path in MODELS.glob("*.py"))
 FIXED_NAMES = {
     "rota_damp": {"bearing.d": "N.m.s/rad", "bearing.phi": "rad"},
     "linear_damp_mod": {"rail.d": "N.s/m", "inertial.m": "kg", "encoder.s": "m"},
+    "linear_damp": {"rail.d": "N.s/m", "encoder.s": "m"},
+    "drive_train": {"J_motor": "kg.m2", "J_brake": "kg.m2", "chain.s": "m", "motor.i": "A", "brake_motor.i": "A"},
+    "cart_pendulum": {"rail.d": "N.s/m", "bearing.d": "N.m.s/rad", "encoder.s": "m", "bearing.phi": "rad"},
     "emps": {"axis.m": "kg", "guide.d": "N.s/m", "drive.u": "V", "encoder.s": "m"},
     "driven_cart": {
         "rail.d": "N.s/m",
@@ -39,6 +42,9 @@ STATES = {
     "linear_damp_mod": ("encoder.s", "inertial.v"),
     "emps": ("encoder.s", "axis.v"),
     "driven_cart": ("encoder.s", "inertial.v", "bearing.phi", "bearing.w"),
+    "linear_damp": ("encoder.s", "cart.v"),
+    "drive_train": ("chain.s", "gears.gear_2.w"),
+    "cart_pendulum": ("encoder.s", "rail.v", "bearing.phi", "bearing.w"),
 }
 """Variables that are the states, each up to a factor and an offset."""
 

@@ -366,7 +366,11 @@ def test_a_state_that_runs_away_is_refused():
         def equations(self):
             yield der(self.x) == self.x**2
 
-    with pytest.raises(SolverError, match="Escape: cvodes could not integrate from 0 s to 2 s"):
+    # x = 1/(1 - t) ends at 1 s; there are 251 output times up to it.
+    with pytest.raises(
+        SolverError,
+        match=r"Escape: cvodes could not integrate from 0 s to 2 s .*At (0\.9\d*|1) s these change fastest: `x` \(",
+    ):
         simulate(Escape(), 2.0)
     with pytest.raises(SolverError, match=r"rk4 with step 0\.1 s is unstable: not finite from 1\.3 s on"):
         simulate(Escape(), 2.0, method="rk4", step=0.1)

@@ -571,8 +571,50 @@ def test_a_report_separates_fixed_from_guessed():
 
     report = describe_start(Two())
     assert [(v.name, v.value, v.is_assumed) for v in report.values] == [("x", 1.0, True), ("y", 2.0, True)]
-    assert report.values[1].by == ("Two: initial equation 3 (fixed)", "start of `x` (guess)")
+    assert report.values[1].by == ("Two: initial equation 3 for `x`, `y` (fixed)", "start of `x` (guess)")
     assert report.assumed == ("start of `x` (guess)",)
+
+
+def test_conditions_keep_their_names_behind_a_torn_loop():
+    """Of a loop of three equations one is iterated; the names of the starts behind it are their own."""
+
+    class Loop(Component):
+        x = var(unit="1")
+        a = var(unit="1")
+        b = var(unit="1")
+        c = var(unit="1")
+
+        def equations(self):
+            yield der(self.x) == -self.a
+            yield self.a == self.b + self.x
+            yield self.b == 2 * self.c
+            yield self.c + self.c**3 == 3 - self.a
+            yield initial(self.x == 1.0)
+            yield initial(self.x == 3.0)
+
+    system = assemble(Loop())
+    (block,) = (block for block in system.blocks if block.how == "nonlinear")
+    assert len(block.left) == len(block.tearing) == len(system.algebraics) < len(block.unknowns)
+    with pytest.raises(
+        SolverError, match=r"Loop: initial equation 6 for `x` misses by 2\. In use already: Loop: init.* 5"
+    ):
+        simulate(Loop(), 1.0)
+
+
+def test_a_start_that_a_law_with_slopes_forbids_names_those_it_hangs_on():
+    """The acceleration follows from the angle by a sine: no sum of linear equations says so."""
+
+    class Told(Pendulum):
+        a = var(unit="rad/s2")
+
+        def equations(self):
+            yield from super().equations()
+            yield self.a == der(self.w)
+            yield initial(self.phi == 0.0)
+            yield initial(self.a == 1.0)
+
+    with pytest.raises(SolverError, match=r"with the equations of `pendulum` \(Told\): .* for `pendulum\.a`"):
+        simulate(joined(pendulum=Told(), other=Pendulum()), 1.0)
 
 
 def test_many_masses_rest_at_once():

@@ -220,7 +220,8 @@ def operational_amplifier_without_feedback():
 
 
 @broken(
-    StructureError, r"derivative of its input `source\.u`: a voltage is prescribed at a capacitor.*[Pp]ut a resistor"
+    StructureError,
+    r"derivative of its input `source\.u`, at `c` \(Capacitor\), .*: a voltage is .* at a capacitor.*[Pp]ut a resistor",
 )
 def capacitor_on_a_driven_source():
     return circuit(
@@ -232,7 +233,10 @@ def capacitor_on_a_driven_source():
     )
 
 
-@broken(StructureError, r"derivative of its input `source\.i`: .*or a current at an inductor.*[Pp]ut a resistor")
+@broken(
+    StructureError,
+    r"derivative of its input `source\.i`, at `coil` \(Inductor\), .*or a current at an inductor.*[Pp]ut a resistor",
+)
 def inductor_on_a_driven_current():
     return circuit(
         "source.pin_p coil.pin_p",

@@ -67,7 +67,7 @@ def translation_joined_to_rotation():
 
 @broken(
     ModelError,
-    r"`connect` joins ports of one class: `Force\.flange` \(.*Flange\) and `y` \(signal\) do not fit together; join",
+    r"`connect` joins ports of one class: `Force\.flange` \(.*Flange\) and `Gain\.y` \(signal\) do not fit .*; join",
 )
 def port_joined_to_signal():
     push, gain = Force(), signals.Gain(k=1.0)
@@ -87,7 +87,8 @@ def connection_with_one_end():
 
 
 @broken(
-    ModelError, r"names `\(2\.\*y\)`, which is neither a port nor a signal: write an equation, `yield .*, and connect"
+    ModelError,
+    r"names `\(2\.\*Gain\.y\)`, which is neither a port nor a signal: write an equation, `yield .*, and connect",
 )
 def expression_joined_to_signal():
     gain, push = signals.Gain(k=1.0), Force()
@@ -102,13 +103,13 @@ def input_driven_twice():
 
 @broken(
     ModelError,
-    r"spying: equation 1 uses `s` of a component that is not part of the model: store every part in an attribute",
+    r"spying: equation 1 uses `Mass.s` of a component that is not part of the model: store every part in an attribute",
 )
 def equation_uses_a_part_of_no_one():
     return assemble(joined(spying=Spying()))
 
 
-@broken(ModelError, r"spying: equation 1 uses `der\(s\)` of a component that is not part of the model: store")
+@broken(ModelError, r"spying: equation 1 uses `der\(Mass\.s\)` of a component that is not part of the model: store")
 def derivative_of_a_part_of_no_one():
     return assemble(joined(spying=SpyingOnSpeed()))
 

@@ -113,7 +113,7 @@ def shaft_fixed_at_both_ends():
 
 @broken(
     StructureError,
-    r"at `one\.ratio` = 3, `two\.ratio` = 3\. .*constraint given twice .*: `one` \(IdealGear\), `two` \(IdealGear\) "
+    r"at `one\.ratio` = 3, `two\.ratio` = 3 \(shared .*constraint given .*: `one` \(IdealGear\), `two` \(IdealGear\) "
     r"hold the same angle.*remove one",
 )
 def two_equal_gears_side_by_side():
@@ -122,7 +122,7 @@ def two_equal_gears_side_by_side():
 
 @broken(
     StructureError,
-    r"holds only where `b\.phi` stands still, at `one\.ratio` = 3, `two\.ratio` = 4: `one` .*, `two` .* lock each",
+    r"holds only where `b\.phi` stands still, .*, at `one\.ratio` = 3, `two\.ratio` = 4: `one` .*, `two` .* lock each",
 )
 def two_unequal_gears_side_by_side():
     return simulate(gear_loop(3.0, 4.0), 1.0, start={"a.w": 1.0})
@@ -199,12 +199,18 @@ def friction_between_fixed_points():
     return simulate(model, 1.0)
 
 
-@broken(StructureError, r"body: equation 5 does not determine `body\.a`, .* zero at `body\.m` = 0\. Change `body\.m`")
+@broken(
+    StructureError,
+    r"body: equation 5 does not determine `body\.a`, .* zero at `body\.m` = 0 \(shared by .*\)\. Change `body\.m`",
+)
 def mass_of_zero():
     return simulate(drive("push.flange body.flange_a", push=Force(), body=Mass(m=0.0)), 1.0, inputs={"push.f": 1.0})
 
 
-@broken(StructureError, r"shaft: equation 5 does not determine `shaft\.a`, .* zero at `shaft\.J` = 0\. Change")
+@broken(
+    StructureError,
+    r"shaft: equation 5 does not determine `shaft\.a`, .* zero at `shaft\.J` = 0 \(shared by .*\)\. Change",
+)
 def inertia_of_zero():
     model = drive("torque.flange shaft.flange_a", torque=Torque(), shaft=Inertia(J=0.0))
     return simulate(model, 1.0, inputs={"torque.tau": 1.0})
@@ -240,3 +246,29 @@ def position_prescribed_without_its_speed():
             yield self.flange.s == self.f
 
     return assemble(drive("source.flange mass.flange_a", source=Prescribed(), mass=Mass(m=1.0)))
+
+
+@broken(
+    StructureError,
+    r"derivative of its input `push\.f`, at `push` \(Force\), `spring` \(Spring\): a force .*Put a mass",
+)
+def speed_of_a_force_without_mass():
+    parts = {"push": Force(), "wall": translational.Fixed(), "sensor": translational.SpeedSensor()}
+    return assemble(
+        drive(
+            "wall.flange spring.flange_a",
+            "spring.flange_b push.flange sensor.flange",
+            spring=Spring(c=1.0),
+            **parts,
+        )
+    )
+
+
+@broken(
+    StructureError,
+    r"derivative of its input `hot\.T`, at `block` \(HeatCapacitor\), `hot` \(Pre.*\): .*`ThermalConductor`",
+)
+def temperature_prescribed_at_a_heat_capacitor():
+    return assemble(
+        drive("hot.port block.port", hot=thermal.PrescribedTemperature(), block=thermal.HeatCapacitor(C=2.0))
+    )

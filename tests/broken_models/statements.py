@@ -40,7 +40,7 @@ def impossible_equation():
     return assemble(model(lambda m: m.x == 1, lambda m: ca.SX(1) == 2))
 
 
-@broken(ModelError, r"part: equation 1 is `x`, which is not an equation: write `left == right`")
+@broken(ModelError, r"part: equation 1 is `Part.x`, which is not an equation: write `left == right`")
 def expression_instead_of_equation():
     return assemble(model(lambda m: m.x))
 

@@ -17,7 +17,8 @@ REFERENCES = ("Ground", "Fixed", "FixedTemperature", "World")
 class Fault:
     """What is done to a model, and the dotted names of the parts that it touches ("" is the model itself).
 
-    `path` and `position` say which statement of which part; `remove` takes away the part `path` and all its joints.
+    `path` and `position` say which statement of which part; `remove` takes away the part `path`, of the class `kind`,
+    and all its joints.
     """
 
     how: How
@@ -25,6 +26,7 @@ class Fault:
     position: int
     touched: frozenset[str]
     is_connection: bool
+    kind: str = ""
 
     def __str__(self) -> str:
         what = "connection" if self.is_connection else "equation"
@@ -66,7 +68,7 @@ def faults_of(model: Component) -> list[Fault]:
     for path, component in components:
         if path and type(component).__name__ in REFERENCES:
             neighbours = frozenset().union(*(ends for ends in joined if path in ends)) - {path}
-            found.append(Fault("remove", path, 0, neighbours, False))
+            found.append(Fault("remove", path, 0, neighbours, False, type(component).__name__))
     return found
 
 
