@@ -148,8 +148,10 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
     x_0 = np.concatenate([begin.x, begin.memory])
     options: dict[str, Any] = {"reltol": choice.rtol, "abstol": choice.atol, "show_eval_warnings": False}
     problem, transition, stacked = _problem(begin.system, made, driven, grid)
+    span = float(grid[-1] - grid[0])
+    if ca.depends_on(ca.vertcat(problem["ode"], problem["alg"]), problem["t"]):
+        options["max_step_size"] = span / 500  # what time does to a model at rest, a long step would pass over
     if transition is not None:
-        span = float(grid[-1] - grid[0])
         # after an event an indicator counts only above `event_tol`: with its default of 1e-6 close events are lost
         options |= {"max_step_size": span / 500, "max_events": MOST_EVENTS, "transition": transition, "event_tol": 0.0}
     whole = Integration(problem, options, grid, x_0, begin.z, begin.p, stacked)
