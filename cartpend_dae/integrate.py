@@ -22,6 +22,8 @@ MOST_EVENTS = 1_000_000
 # erk is stable up to steps of about this over the fastest rate; beyond so many steps the implicit method is faster,
 # which errs more often at events: the acceleration of a body at rest flickers by rounding
 STABLE, MOST_STEPS = 3.3, 300_000
+# compiled, an explicit step costs a quarter of an implicit one, of which a few thousand are enough
+FEW_STEPS = 20_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +33,7 @@ class Choice:
     method: Method
     rtol: float
     atol: float
+    is_compiled: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,9 +157,9 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
     if transition is not None:
         # after an event an indicator counts only above `event_tol`: with its default of 1e-6 close events are lost
         options |= {"max_step_size": span / 500, "max_events": MOST_EVENTS, "transition": transition, "event_tol": 0.0}
-    whole = Integration(problem, options, grid, x_0, begin.z, begin.p, stacked)
+    whole = Integration(problem, options, grid, x_0, begin.z, begin.p, stacked, choice.is_compiled)
     plugin, result, reason = "", None, ""
-    for plugin in _plugins(begin, driven, grid, choice.method):
+    for plugin in _plugins(begin, driven, grid, choice):
         result, reason = whole.run(plugin, grid.size)
         if result is not None:
             break
@@ -170,7 +173,8 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
     return run
 
 
-def _plugins(begin: Begin, driven: DrivenInputs, grid: np.ndarray, method: Method) -> tuple[str, ...]:
+def _plugins(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choice) -> tuple[str, ...]:
+    method = choice.method
     if begin.machine is not None:
         if method in ("cvodes", "idas"):
             what = "dry friction" if begin.system.hybrid.is_empty else "the model"
@@ -181,22 +185,26 @@ def _plugins(begin: Begin, driven: DrivenInputs, grid: np.ndarray, method: Metho
             return ("rosenbrock",)
         n_steps = _fastest_rate(begin, driven, grid) * float(grid[-1] - grid[0]) / STABLE
         return ("erk", "rosenbrock") if n_steps < MOST_STEPS else ("rosenbrock", "erk")
-    if method == "adaptive":
-        return ("idas",) if begin.system.algebraics else ("cvodes",)
-    return (method,)
+    if method != "adaptive":
+        return (method,)
+    if choice.is_compiled:  # cvodes and idas cannot be
+        n_steps = _fastest_rate(begin, driven, grid) * float(grid[-1] - grid[0]) / STABLE
+        return ("erk",) if n_steps < FEW_STEPS and not begin.z.size else ("rosenbrock",)
+    return ("idas",) if begin.system.algebraics else ("cvodes",)
 
 
 def _fastest_rate(begin: Begin, driven: DrivenInputs, grid: np.ndarray) -> float:
     """Return the largest eigenvalue of the state equations at the start [1/s]; infinite for a large system."""
     made, s = begin.machine, begin.between
     n_x = s.x.numel()
-    if made is None or n_x > 200:
+    if n_x > 200:
         return np.inf
-    (ode,) = _replaced([s.ode], [(s.frictions.force, made.force)])
-    arguments = [s.time, s.x, s.z, s.u, s.p, made.memory.modes]
-    slopes = ca.Function("slopes", arguments, [ca.jacobian(ode, s.x)])
+    ode, symbols, modes = s.ode, ca.SX(0, 1), np.zeros(0)
+    if made is not None:
+        (ode,) = _replaced([s.ode], [(s.frictions.force, made.force)])
+        symbols, modes = made.memory.modes, made.memory.split(begin.memory)["modes"]
+    slopes = ca.Function("slopes", [s.time, s.x, s.z, s.u, s.p, symbols], [ca.jacobian(ode, s.x)])
     u = begin.inputs(inputs_at(driven, grid)[:, 0])
-    modes = made.memory.split(begin.memory)["modes"]
     values = np.asarray(slopes(grid[0], begin.x, begin.z, u, begin.p, modes))
     return float(np.abs(np.linalg.eigvals(values)).max(initial=0.0)) if np.all(np.isfinite(values)) else np.inf
 

@@ -8,6 +8,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from cartpend_dae.compiled import compiled
+
 MOST_STEPS = 1_000_000
 
 
@@ -15,7 +17,8 @@ MOST_STEPS = 1_000_000
 class Integration:
     """What `casadi.integrator` solves over `grid` (n,) [s], from x (n_x,) and z (n_z,).
 
-    Parameters p (n_p,), inputs u (n_u, n - 1) constant over each interval.
+    Parameters p (n_p,), inputs u (n_u, n - 1) constant over each interval. `is_compiled` turns the integrators that
+    CasADi can write as C into machine code.
     """
 
     problem: dict[str, ca.SX]
@@ -25,6 +28,7 @@ class Integration:
     z: np.ndarray
     p: np.ndarray
     u: np.ndarray
+    is_compiled: bool = False
 
     def run(self, plugin: str, n: int) -> tuple[dict[str, ca.DM] | None, str]:
         """Integrate over the first n grid points; return the result, or None and the reason."""
@@ -35,6 +39,8 @@ class Integration:
                 integrator = ca.integrator(
                     "run", plugin, self.problem, float(self.grid[0]), self.grid[1:n].tolist(), self.options | extra
                 )
+                if self.is_compiled and n == self.grid.size:
+                    integrator = compiled(integrator)
                 result = integrator(x0=self.x, z0=self.z, p=self.p, **given)
         except RuntimeError as error:
             return None, str(error)

@@ -50,6 +50,7 @@ def simulate(
     step: float | None = None,
     rtol: float = 1e-8,
     atol: float = 1e-10,
+    compile: bool = False,
 ) -> Trajectory:
     """Simulate a model from consistent start values.
 
@@ -84,6 +85,9 @@ def simulate(
         every step is an output time, and the last one is shorter where `stop` is no multiple of it.
     rtol, atol
         Relative and absolute tolerance of the adaptive methods.
+    compile
+        True turns the integrator into machine code, kept on disk for the next run of the same model and output
+        times: worth it for long runs and for many. Without a C compiler it changes nothing.
 
     Returns
     -------
@@ -120,7 +124,7 @@ def simulate(
     if method == "rk4" and step is not None:
         run = _fixed_steps(begin, driven, fine, step)
     else:
-        run = integrate(begin, driven, fine, Choice(method, rtol, atol))
+        run = integrate(begin, driven, fine, Choice(method, rtol, atol, compile))
     units = [system.parameters[system.parameter_index(name)].declaration.unit for name in begin.found]
     return trajectory(begin, run, driven, fine, grid).with_constants(begin.found, units)
 
