@@ -157,6 +157,8 @@ def simulate(
     input_: Annotated[list[str] | None, typer.Option("--input", metavar="NAME=VALUE", help="An input [SI].")] = None,
     method: Annotated[Method, typer.Option(help="The integrator.")] = Method.adaptive,
     step: Annotated[float | None, typer.Option(help="Step of rk4 [s].")] = None,
+    compile_: Annotated[bool, typer.Option("--compile", help="Run the integrator as machine code.")] = False,
+    film: Annotated[Path | None, typer.Option("--animate", help="Write a moving picture, .gif or .mp4.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder or file.csv; default: TARGET-simulation.")] = None,
 ) -> None:
     """Simulate a model (of a study: with its guesses), and write all variables as csv and a figure."""
@@ -181,8 +183,13 @@ def simulate(
         steady=steady,
         method=method.value,
         step=step,
+        compile=compile_,
     )
-    written = write_simulation(out, system, trajectory)
+    written = list(write_simulation(out, system, trajectory))
+    if film is not None:
+        from cartpend_dae.animate import animate
+
+        written.append(animate(system, trajectory, film))
     console = _console()
     console.print(tables.trajectory_table(system, trajectory))
     _say(console, f"Written: {', '.join(str(path) for path in written)}")

@@ -61,7 +61,7 @@ LAYERS = """
     discover
     session
     report.text
-    plots
+    plots animate
     report
     cli
     __main__
