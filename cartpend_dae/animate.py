@@ -72,10 +72,11 @@ def animate(
     figure = Figure(figsize=(7.0, 4.5), layout="constrained")
     axes = figure.add_subplot()
     _frame(axes, shapes, system.name)
-    lines = [
-        axes.plot([], [], color=s.color, lw=s.width, marker=s.marker, ms=14, solid_capstyle="round")[0] for s in shapes
-    ]
+    looks = [{"color": s.color, "lw": s.width, "marker": s.marker, "ms": 14} for s in shapes]
+    lines = [axes.plot([], [], solid_capstyle="round", **look)[0] for look in looks]
     clock = axes.text(0.02, 0.95, "", transform=axes.transAxes, va="top")
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # the layout found once serves all pictures
 
     def draw(k: int) -> Iterable[object]:
         for line, shape in zip(lines, shapes, strict=True):
@@ -143,7 +144,7 @@ def _frame(axes: Axes, shapes: list[Shape], name: str) -> None:
     margin = 0.08 * max(float(np.ptp(x)), float(np.ptp(y)), 1e-3)
     axes.set_xlim(float(x.min()) - margin, float(x.max()) + margin)
     axes.set_ylim(float(y.min()) - margin, float(y.max()) + margin)
-    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_aspect("equal", adjustable="box")
     axes.axhline(0.0, color=RAIL, lw=1.0, zorder=0)
     axes.set_xlabel("[m]")
     axes.set_ylabel("[m]")
