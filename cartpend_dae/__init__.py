@@ -10,6 +10,7 @@ from cartpend_dae.language import (
     Statements,
     connect,
     der,
+    discrete,
     dry_friction,
     flow,
     initial,
@@ -23,6 +24,18 @@ from cartpend_dae.language import (
 from cartpend_dae.simulate import simulate
 from cartpend_dae.start_report import describe_start
 from cartpend_dae.structure import structure_report
+from cartpend_dae.switching import (
+    assign,
+    both,
+    either,
+    if_else,
+    noevent,
+    pre,
+    reinit,
+    sample,
+    terminate,
+    when,
+)
 from cartpend_dae.system import System
 
 __all__ = [
@@ -38,18 +51,29 @@ __all__ = [
     "System",
     "Trajectory",
     "assemble",
+    "assign",
+    "both",
     "connect",
     "der",
     "describe_start",
+    "discrete",
     "dry_friction",
+    "either",
     "flow",
+    "if_else",
     "initial",
+    "noevent",
     "param",
     "port",
+    "pre",
+    "reinit",
+    "sample",
     "signal",
     "simulate",
     "structure_report",
+    "terminate",
     "time",
     "unknown",
     "var",
+    "when",
 ]
