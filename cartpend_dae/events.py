@@ -33,7 +33,7 @@ INSTANT, CROWD = 1e-9, 200
 HASTE, SHRINKS = 1e-6, 3
 
 CHATTER, ZENO = -1, -2
-N_NOTE = 8
+N_NOTE = 9
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,8 @@ class Memory:
     `modes` of dry frictions in {-1, 0, 1, 2}, `discretes`, `relations` and `held` conditions in {0, 1}, the `next`
     time of each clock, and `note`: why the run stopped (0: it did not; the number of an action, from 1; `CHATTER` or
     `ZENO`), when, the time of the last event, how many were at that instant, how many in all; the time of the last
-    jump of a state, the interval before it, and how many intervals in a row were short and ever shorter.
+    jump of a state, the interval before it, how many intervals in a row were short and ever shorter; and the begin of
+    the interval of inputs that the last decision knew (last, `seen`).
     """
 
     modes: ca.SX
@@ -57,6 +58,11 @@ class Memory:
     def vector(self) -> ca.SX:
         """All of it as one column."""
         return ca.vertcat(self.modes, self.discretes, self.relations, self.held, self.next, self.note)
+
+    @property
+    def seen(self) -> ca.SX:
+        """The begin of the interval of inputs that the last decision knew [s]."""
+        return self.note[N_NOTE - 1]
 
     @property
     def whole(self) -> "Memory":
@@ -183,7 +189,9 @@ def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> ca.SX:
             found.append(ca.if_else(mode == 2, FREE - f.static_pos[i], f.static_pos[i] - FREE / 2))
     for k in range(h.relations.numel()):
         difference = h.differences[k]
-        found.append(ca.if_else(memory.relations[k] > 0.5, -difference, difference) + _band(s, k))
+        # what has just turned back inside the band is well above zero, lest its next crossing go unseen
+        rate, side = _pace(s, k), ca.if_else(memory.relations[k] > 0.5, -1, 1)
+        found.append(side * difference + _band(s, k) * ca.if_else(side * rate > 0, 3, 1))
     # a clock ticks just before its time: an indicator that is zero exactly at an output time may be passed over
     found += [memory.next[k] - 1e-10 * h.periods[k] - s.time for k in range(h.pulses.numel())]
     indicators = ca.SX(ca.vertcat(*found))
@@ -205,6 +213,7 @@ def _step(s: System, memory: Memory, force: ca.SX, speed: ca.SX, span: float) ->
     band = ca.SX(ca.vertcat(*[_band(s, k) for k in range(h.relations.numel())]))
     # an event lies on the edge of the band within rounding: half of it tells which relation that is
     relations = h.differences < ca.if_else(memory.relations > 0.5, band, -band) / 2
+    relations = _heading(s, relations, band)
     ticks = is_first * (s.time >= memory.next - 1e-9 * h.periods)
     truths, values = ca.substitute([h.conditions, h.values], [h.symbols], [ca.vertcat(relations, ticks)])
     fires = truths * (1 - memory.held)
@@ -225,6 +234,31 @@ def _step(s: System, memory: Memory, force: ca.SX, speed: ca.SX, span: float) ->
     if h.relations.numel():
         results = ca.substitute(results, [h.relations], [memory.relations])
     return ca.Function("step", arguments, results)
+
+
+def _heading(s: System, relations: ca.SX, band: ca.SX) -> ca.SX:
+    """Let the direction of motion decide a relation inside its band, such as that of what has just bounced.
+
+    Else it would leave the band with the old value, and come back within one step of the integrator unseen. Only
+    states tell the direction: an algebraic variable or an input does not say how fast it changes.
+    """
+    h = s.hybrid
+    if not h.relations.numel():
+        return relations
+    decided = []
+    for k in range(h.relations.numel()):
+        rate = _pace(s, k)
+        turned = ca.if_else(rate == 0, relations[k], rate < 0)
+        decided.append(ca.if_else(ca.fabs(h.differences[k]) < 2 * band[k], turned, relations[k]))
+    return ca.vertcat(*decided)
+
+
+def _pace(s: System, k: int) -> ca.SX:
+    """Return how fast the difference of relation k changes, or 0 where states alone do not tell."""
+    difference, unknown = s.hybrid.differences[k], ca.vertcat(s.z, s.u, s.frictions.force)
+    if unknown.numel() and ca.depends_on(difference, unknown):
+        return ca.SX(0)
+    return ca.jtimes(difference, s.x, s.ode) + ca.jacobian(difference, s.time)
 
 
 def _acted(s: System, memory: Memory, fires: ca.SX, values: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
@@ -287,9 +321,11 @@ def _noted(note: ca.SX, time: ca.SX, is_first: ca.SX, stop: ca.SX, jumped: ca.SX
     shrinks = ca.if_else(anew, ca.if_else(is_shorter, note[7] + 1, 0), note[7])
     endless = ca.logic_or(crowd > CROWD, shrinks >= SHRINKS)
     reason = ca.if_else(ca.logic_and(stop == 0, endless), ZENO, stop)
-    stopped = ca.if_else(ca.logic_and(note[0] == 0, reason != 0), time, note[1])
+    # intervals that shrink by the same share end after a geometric series of them
+    rest = ca.if_else(ca.logic_and(stop == 0, shrinks >= SHRINKS), interval**2 / (note[6] - interval), 0)
+    stopped = ca.if_else(ca.logic_and(note[0] == 0, reason != 0), time + rest, note[1])
     jump, before = ca.if_else(anew, time, note[5]), ca.if_else(anew, interval, note[6])
-    return ca.vertcat(reason, stopped, time, crowd, note[4] + is_first, jump, before, shrinks)
+    return ca.vertcat(reason, stopped, time, crowd, note[4] + is_first, jump, before, shrinks, note[8])
 
 
 def _settle(s: System, memory: Memory, step: ca.Function) -> ca.Function:
@@ -304,8 +340,9 @@ def _settle(s: System, memory: Memory, step: ca.Function) -> ca.Function:
     for _ in range(ROUNDS):
         new_x, new_m, changed = chosen(changed, time, new_x, new_m, z, u, p, 0)
     first = n_m - N_NOTE
-    reason = ca.if_else(ca.logic_and(changed, new_m[first] == 0), CHATTER, new_m[first])
-    new_m = ca.vertcat(new_m[:first], reason, new_m[first + 1 :])
+    chatters = ca.logic_and(changed, new_m[first] == 0)
+    reason, stopped = ca.if_else(chatters, CHATTER, new_m[first]), ca.if_else(chatters, time, new_m[first + 1])
+    new_m = ca.vertcat(new_m[:first], reason, stopped, new_m[first + 2 :])
     return ca.Function("settle", [time, x, m, z, u, p], [new_x, new_m])
 
 
@@ -319,7 +356,7 @@ def initial_memory(machine: Machine, system: System, time: float, u: np.ndarray,
     # the last event was long ago; a time far out of scale would spoil the error norm of the integrator
     none = np.zeros(memory.relations.numel() + memory.held.numel())
     return np.concatenate(
-        [np.zeros(memory.modes.numel()), start, none, first, [0.0, 0.0, time - 1e3, 0.0, 0.0, time - 1e3, 1e3, 0.0]]
+        [np.zeros(memory.modes.numel()), start, none, first, [0.0, 0.0, time - 1e3, 0.0, 0.0, time - 1e3, 1e3, 0.0, time]]
     )
 
 

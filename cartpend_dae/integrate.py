@@ -14,11 +14,13 @@ from cartpend_dae.data import Trajectory
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.events import CHATTER, Machine, initial_memory, machine
 from cartpend_dae.initialize import Start, algebraics_along
-from cartpend_dae.inputs import DrivenInputs, inputs_at
+from cartpend_dae.inputs import DrivenInputs, inputs_at, jumps_of
 from cartpend_dae.system import System
 
 Method = Literal["adaptive", "cvodes", "idas", "erk", "rosenbrock", "rk4"]
 MOST_EVENTS = 1_000_000
+# after an input has jumped, by this part of the time, all is decided again
+AFTER = 1e-14
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +151,7 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
         span = float(grid[-1] - grid[0])
         # after an event an indicator counts only above `event_tol`: with its default of 1e-6 close events are lost
         options |= {"max_step_size": span / 500, "max_events": MOST_EVENTS, "transition": transition, "event_tol": 0.0}
-    stacked = np.vstack([driven.left, driven.slope, grid[:-1]])
+    stacked = np.vstack([driven.left, driven.slope, grid[:-1], jumps_of(driven, grid)])
     reason, plugins = "", _plugins(begin, choice.method)
     for plugin in plugins:
         extra = {"max_num_steps": 1_000_000} if plugin in ("cvodes", "idas") else {}
@@ -193,7 +195,8 @@ def _problem(system: System, made: Machine | None, driven: DrivenInputs) -> tupl
     values = left + slope * (s.time - begin)
     for row, expression in driven.expressions.items():
         values[row] = ca.SX(expression(s.time))
-    u = ca.vertcat(left, slope, begin)
+    jumps = ca.SX.sym("jumps")
+    u = ca.vertcat(left, slope, begin, jumps)
     if made is None:
         ode, alg = _replaced([s.ode, s.alg], [(s.u, values)])
         return {"x": s.x, "z": s.z, "p": s.p, "u": u, "t": s.time, "ode": ode, "alg": alg}, None
@@ -205,6 +208,10 @@ def _problem(system: System, made: Machine | None, driven: DrivenInputs) -> tupl
     for pair in old:
         ode, alg = _replaced([ode, alg], [pair])
     (indicators,) = _replaced([made.indicators], [(s.u, values)])
+    # what an input that jumps makes untrue falls through nothing: just after the jump all is decided again
+    is_unseen = ca.logic_and(jumps > 0.5, whole.seen < begin - AFTER / 2)
+    soon = begin + AFTER * (1 + ca.fabs(begin)) - s.time
+    indicators = ca.vertcat(indicators, ca.if_else(ca.logic_and(is_unseen, whole.note[0] == 0), soon, 1))
     x = ca.vertcat(s.x, memory.vector)
     runs = whole.note[0] == 0
     ode = ca.vertcat(ca.if_else(runs, ode, 0), ca.SX.zeros(memory.vector.numel()))
@@ -219,6 +226,7 @@ def _transition(s: System, made: Machine, u: ca.SX, values: ca.SX) -> ca.Functio
     fired, time, x = ca.MX.sym("fired"), ca.MX.sym("t"), ca.MX.sym("x", n_x + n_m)
     z, p, packed = ca.MX.sym("z", s.z.numel()), ca.MX.sym("p", s.p.numel()), ca.MX.sym("u", u.numel())
     new_x, new_m = made.settle(time, x[:n_x], x[n_x:], z, inputs(time, packed), p)
+    new_m = ca.vertcat(new_m[:-1], packed[-2])  # decided with the inputs since the begin of the interval
     after = [ca.vertcat(new_x, new_m), z]
     return ca.Function("transition", [fired, time, x, z, p, packed], after, ca.event_in(), ca.event_out())
 

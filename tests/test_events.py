@@ -378,7 +378,7 @@ class Relay(Component):
 
 @pytest.mark.parametrize("method", ["adaptive", *PLUGINS])
 def test_a_relay_without_width_ends_in_a_sentence(method):
-    with pytest.raises(SolverError, match=r"events of `relay` follow each other without end at 1 s.*two thresholds"):
+    with pytest.raises(SolverError, match=r"at 1 s the decisions of `relay` go round in circles.*two thresholds"):
         simulate(joined(relay=Relay()), 3.0, method=method)
 
 
