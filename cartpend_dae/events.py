@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.dae import friction_laws
+from cartpend_dae.errors import ModelError
 from cartpend_dae.hybrid import Hybrid
 from cartpend_dae.merge import parallel_frictions
 from cartpend_dae.system import System
@@ -86,7 +87,7 @@ class Machine:
     """A system with its memory.
 
     `system` is that between events: discrete variables, relations and pulses are inputs after its own. `force` are the
-    friction forces that the memory implies; `indicators` fire where they fall through zero;
+    friction forces that the memory implies; `indicators` fire where they fall through zero, each at a place;
     ``settle(t, x, memory, z, u, p) -> (x, memory)`` decides at an event.
     """
 
@@ -94,6 +95,7 @@ class Machine:
     memory: Memory
     force: ca.SX
     indicators: ca.SX
+    places: tuple[str, ...]
     settle: ca.Function
 
 
@@ -120,8 +122,14 @@ def machine(system: System, span: float = 1.0) -> Machine:
         A system with dry friction or events of its own.
     span
         Length of the whole run [s], against which events at one instant are told.
+
+    Raises
+    ------
+    ModelError
+        If a `reinit` names what is no state.
     """
     s, h = system, system.hybrid
+    _check_targets(s)
     plain = between_events(s)
     n_f = s.frictions.force.numel()
     memory = Memory(
@@ -137,10 +145,22 @@ def machine(system: System, span: float = 1.0) -> Machine:
     whole = memory.whole
     force = _forces(law.free, law.influence, law.level_pos, law.level_neg, whole.modes, rigid) if n_f else ca.SX(0, 1)
     step = _step(s, memory, force, law.speed, span)
-    indicators = _indicators(s, whole, force, law.speed)
+    indicators, places = _indicators(s, whole, force, law.speed)
     if h.relations.numel():
         force, indicators = ca.substitute([force, indicators], [h.relations], [whole.relations])
-    return Machine(plain, memory, force, indicators, _settle(s, memory, step))
+    return Machine(plain, memory, force, indicators, places, _settle(s, memory, step))
+
+
+def _check_targets(s: System) -> None:
+    """Refuse a jump of a variable that nothing keeps."""
+    wrong = sorted(
+        f"`reinit` in `{action.place}` names `{s.variables[action.target].name}`, which is no state"
+        for action in s.hybrid.actions
+        if action.kind == "reinit" and s.variables[action.target].name not in s.state_relations
+    )
+    if wrong:
+        states = ", ".join(f"`{name}`" for name in s.states) or "none"
+        raise ModelError(f"{s.name}: {'; '.join(wrong)}, so that nothing keeps its value; the states are: {states}.")
 
 
 def _forces(free: ca.SX, influence: ca.SX, pos: ca.SX, neg: ca.SX, modes: ca.SX, is_shared: tuple[bool, ...]) -> ca.SX:
@@ -174,10 +194,11 @@ def _band(s: System, k: int) -> ca.SX:
     return BAND * (1e-2 + sides) + TICK * (1 + ca.fabs(s.time)) * ca.fabs(rate)
 
 
-def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> ca.SX:
-    """Return what falls through zero at an event, from above; all stay above zero once the run has stopped."""
+def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> tuple[ca.SX, tuple[str, ...]]:
+    """Return what falls through zero at an event, from above, and its place; above zero once the run has stopped."""
     f, h = s.frictions, s.hybrid
     found: list[ca.SX] = []
+    places: list[str] = []
     for i in range(f.force.numel()):
         mode = memory.modes[i]
         # the small offset lets an event fire whose indicator is exactly zero at an output time
@@ -187,18 +208,20 @@ def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> ca.SX:
         found.append(ca.if_else(mode == 0, down, 1))
         if not f.static_pos[i].is_constant() and ca.depends_on(f.static_pos[i], ca.vertcat(_moving(s), h.symbols)):
             found.append(ca.if_else(mode == 2, FREE - f.static_pos[i], f.static_pos[i] - FREE / 2))
+        places += [f.places[i]] * (len(found) - len(places))
     for k in range(h.relations.numel()):
         difference = h.differences[k]
         # what has just turned back inside the band is well above zero, lest its next crossing go unseen
         rate, side = _pace(s, k), ca.if_else(memory.relations[k] > 0.5, -1, 1)
         found.append(side * difference + _band(s, k) * ca.if_else(side * rate > 0, 3, 1))
+    places += [*h.relation_places, *[f"clock {k + 1}" for k in range(h.pulses.numel())]]
     # a clock ticks just before its time: an indicator that is zero exactly at an output time may be passed over
     found += [memory.next[k] - 1e-10 * h.periods[k] - s.time for k in range(h.pulses.numel())]
     indicators = ca.SX(ca.vertcat(*found))
     if f.places:
         indicators = ca.substitute(indicators, f.force, force)
     indicators = ca.substitute(indicators, h.pulses, ca.SX.zeros(h.pulses.numel()))
-    return ca.if_else(memory.note[0] == 0, indicators, 1)
+    return ca.if_else(memory.note[0] == 0, indicators, 1), tuple(places)
 
 
 def _moving(s: System) -> ca.SX:

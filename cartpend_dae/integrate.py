@@ -21,6 +21,10 @@ Method = Literal["adaptive", "cvodes", "idas", "erk", "rosenbrock", "rk4"]
 MOST_EVENTS = 1_000_000
 # after an input has jumped, by this part of the time, all is decided again
 AFTER = 1e-14
+# largest steps as parts of the whole time, tried until no event is passed over
+SHARES = (1 / 500, 1 / 2500, 1 / 12500, 1 / 62500)
+# part of its largest magnitude by which an indicator may be below zero
+UNSEEN = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,15 +148,40 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
     if made is None and system.x.numel() == 0:
         z = algebraics_along(system, Start(begin.x, begin.z, begin.p, {}), begin.p, inputs_at(driven, grid), grid)
         return Run(np.zeros((0, grid.size)), z, None)
-    x_0 = np.concatenate([begin.x, begin.memory])
-    options: dict[str, Any] = {"reltol": choice.rtol, "abstol": choice.atol, "show_eval_warnings": False}
     problem, transition = _problem(begin.system, made, driven)
-    if transition is not None:
-        span = float(grid[-1] - grid[0])
-        # after an event an indicator counts only above `event_tol`: with its default of 1e-6 close events are lost
-        options |= {"max_step_size": span / 500, "max_events": MOST_EVENTS, "transition": transition, "event_tol": 0.0}
+    options: dict[str, Any] = {"reltol": choice.rtol, "abstol": choice.atol, "show_eval_warnings": False}
+    if made is None or transition is None:
+        return _run(begin, problem, driven, grid, _plugins(begin, choice.method), options)
+    # after an event an indicator counts only above `event_tol`: with its default of 1e-6 close events are lost
+    options |= {"max_events": MOST_EVENTS, "transition": transition, "event_tol": 0.0}
+    missed: list[str] = []
+    for share in SHARES:
+        options["max_step_size"] = float(grid[-1] - grid[0]) * share
+        run = _run(begin, problem, driven, grid, _plugins(begin, choice.method), options)
+        _check_end(begin, run)
+        run = _right_of_jumps(begin, made, driven, run, grid)
+        missed = _missed(begin, made, driven, run, grid)
+        if not missed:
+            return run
+    raise SolverError(
+        f"{system.name}: events of {', '.join(missed)} are passed over even with steps of {options['max_step_size']:g} "
+        f"s: a condition changes there and back faster than that. Simulate a shorter time, or let it change slower."
+    )
+
+
+def _run(
+    begin: Begin,
+    problem: dict[str, ca.SX],
+    driven: DrivenInputs,
+    grid: np.ndarray,
+    plugins: tuple[str, ...],
+    options: dict[str, Any],
+) -> Run:
+    """Integrate by the first of some integrators that can."""
+    system, n_x, n_m = begin.between, begin.x.size, begin.memory.size
+    x_0 = np.concatenate([begin.x, begin.memory, np.zeros(problem["x"].numel() - n_x - n_m)])
     stacked = np.vstack([driven.left, driven.slope, grid[:-1], jumps_of(driven, grid)])
-    reason, plugins = "", _plugins(begin, choice.method)
+    reason = ""
     for plugin in plugins:
         extra = {"max_num_steps": 1_000_000} if plugin in ("cvodes", "idas") else {}
         try:
@@ -168,9 +197,32 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
     z = np.column_stack([begin.z, np.asarray(result["zf"])]) if begin.z.size else np.zeros((0, grid.size))
     if not np.all(np.isfinite(x)):
         raise SolverError(_failure(system, plugins[0], "a state is not finite", grid))
-    run = Run(x[: begin.x.size], z, None if made is None else x[begin.x.size :])
-    _check_end(begin, run)
-    return run
+    return Run(x[:n_x], z, None if begin.machine is None else x[n_x : n_x + n_m])
+
+
+def _right_of_jumps(begin: Begin, made: Machine, driven: DrivenInputs, run: Run, grid: np.ndarray) -> Run:
+    """Return a run that shows what is decided after the jump of an input, as the inputs themselves are shown."""
+    if run.memory is None:
+        return run
+    x, memory, u = run.x.copy(), run.memory.copy(), inputs_at(driven, grid)
+    for k in np.flatnonzero(jumps_of(driven, grid)):
+        new_x, new_memory = made.settle(grid[k], x[:, k], memory[:, k], run.z[:, k], u[:, k], begin.p)
+        x[:, k], memory[:, k] = np.asarray(new_x).ravel(), np.asarray(new_memory).ravel()
+    return Run(x, run.z, memory)
+
+
+def _missed(begin: Begin, made: Machine, driven: DrivenInputs, run: Run, grid: np.ndarray) -> list[str]:
+    """Return the places whose memory disagrees with the states at an output time."""
+    if run.memory is None:
+        return []
+    s, u = begin.system, inputs_at(driven, grid)
+    arguments = [s.time, s.x, made.memory.vector, s.z, s.u, s.p]
+    function = ca.Function("indicators", arguments, [made.indicators]).map(grid.size)
+    columns = np.tile(begin.p[:, None], grid.size)
+    values = np.asarray(function(grid[None, :], run.x, run.memory, run.z, u, columns))
+    # an event lies where it is found; what a step leaves wrong is far larger
+    least = -UNSEEN * np.abs(values).max(axis=1, initial=0.0)
+    return sorted({f"`{made.places[k]}`" for k in np.flatnonzero((values.T < least).any(axis=0))})
 
 
 def _plugins(begin: Begin, method: Method) -> tuple[str, ...]:
@@ -204,30 +256,45 @@ def _problem(system: System, made: Machine | None, driven: DrivenInputs) -> tupl
     whole = memory.whole
     old = [(s.frictions.force, made.force), (pulses, ca.SX.zeros(pulses.numel()))]
     old += [(s.hybrid.relations, whole.relations), (s.u, values)]
-    ode, alg = s.ode, s.alg
+    ode, alg, differences = s.ode, s.alg, s.hybrid.differences
     for pair in old:
-        ode, alg = _replaced([ode, alg], [pair])
+        ode, alg, differences = _replaced([ode, alg, differences], [pair])
     (indicators,) = _replaced([made.indicators], [(s.u, values)])
     # what an input that jumps makes untrue falls through nothing: just after the jump all is decided again
     is_unseen = ca.logic_and(jumps > 0.5, whole.seen < begin - AFTER / 2)
     soon = begin + AFTER * (1 + ca.fabs(begin)) - s.time
     indicators = ca.vertcat(indicators, ca.if_else(ca.logic_and(is_unseen, whole.note[0] == 0), soon, 1))
-    x = ca.vertcat(s.x, memory.vector)
+    watched = _watched(differences, s, ode)
+    shadow = ca.SX.sym("shadow", watched.numel())
+    x = ca.vertcat(s.x, memory.vector, shadow)
     runs = whole.note[0] == 0
-    ode = ca.vertcat(ca.if_else(runs, ode, 0), ca.SX.zeros(memory.vector.numel()))
+    ode = ca.vertcat(ca.if_else(runs, ode, 0), ca.SX.zeros(memory.vector.numel()), ca.if_else(runs, watched, 0))
     problem = {"x": x, "z": s.z, "p": s.p, "u": u, "t": s.time, "ode": ode, "alg": alg, "zero": indicators}
-    return problem, _transition(s, made, u, values)
+    return problem, _transition(s, made, u, values, shadow.numel())
 
 
-def _transition(s: System, made: Machine, u: ca.SX, values: ca.SX) -> ca.Function:
+def _watched(differences: ca.SX, s: System, ode: ca.SX) -> ca.SX:
+    """Return the rates of the differences that bend while the states do not: their error control keeps steps short.
+
+    A step that is right for the states may pass over both crossings of a fast ``sin(w t) > 0``.
+    """
+    if not differences.numel():
+        return ca.SX(0, 1)
+    bent = ca.which_depends(differences, ca.vertcat(s.x, s.time), 2, True)
+    moved = ca.which_depends(differences, s.z, 1, True) if s.z.numel() else [False] * len(bent)
+    chosen = differences[[k for k in range(len(bent)) if bent[k] and not moved[k]], 0]
+    return ca.jtimes(chosen, s.x, ode) + ca.jacobian(chosen, s.time) if chosen.numel() else ca.SX(0, 1)
+
+
+def _transition(s: System, made: Machine, u: ca.SX, values: ca.SX, n_shadow: int) -> ca.Function:
     """Return what happens at an event in the form that CasADi's integrators ask for."""
     inputs = ca.Function("inputs", [s.time, u], [values])
     n_x, n_m = s.x.numel(), made.memory.vector.numel()
-    fired, time, x = ca.MX.sym("fired"), ca.MX.sym("t"), ca.MX.sym("x", n_x + n_m)
+    fired, time, x = ca.MX.sym("fired"), ca.MX.sym("t"), ca.MX.sym("x", n_x + n_m + n_shadow)
     z, p, packed = ca.MX.sym("z", s.z.numel()), ca.MX.sym("p", s.p.numel()), ca.MX.sym("u", u.numel())
-    new_x, new_m = made.settle(time, x[:n_x], x[n_x:], z, inputs(time, packed), p)
+    new_x, new_m = made.settle(time, x[:n_x], x[n_x : n_x + n_m], z, inputs(time, packed), p)
     new_m = ca.vertcat(new_m[:-1], packed[-2])  # decided with the inputs since the begin of the interval
-    after = [ca.vertcat(new_x, new_m), z]
+    after = [ca.vertcat(new_x, new_m, x[n_x + n_m :]), z]
     return ca.Function("transition", [fired, time, x, z, p, packed], after, ca.event_in(), ca.event_out())
 
 
