@@ -214,7 +214,7 @@ def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> tuple[
         # what has just turned back inside the band is well above zero, lest its next crossing go unseen
         rate, side = _pace(s, k), ca.if_else(memory.relations[k] > 0.5, -1, 1)
         found.append(side * difference + _band(s, k) * ca.if_else(side * rate > 0, 3, 1))
-    places += [*h.relation_places, *[f"clock {k + 1}" for k in range(h.pulses.numel())]]
+    places += [*h.relation_places, *_clock_places(s)]
     # a clock ticks just before its time: an indicator that is zero exactly at an output time may be passed over
     found += [memory.next[k] - 1e-10 * h.periods[k] - s.time for k in range(h.pulses.numel())]
     indicators = ca.SX(ca.vertcat(*found))
@@ -222,6 +222,16 @@ def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> tuple[
         indicators = ca.substitute(indicators, f.force, force)
     indicators = ca.substitute(indicators, h.pulses, ca.SX.zeros(h.pulses.numel()))
     return ca.if_else(memory.note[0] == 0, indicators, 1), tuple(places)
+
+
+def _clock_places(s: System) -> list[str]:
+    """Return for each clock a place that listens to it."""
+    h = s.hybrid
+    listens = ca.jacobian_sparsity(h.conditions, h.pulses)
+    places = {k: s.name for k in range(h.pulses.numel())}
+    for condition, k in zip(*listens.get_triplet(), strict=True):
+        places |= {k: action.place for action in h.actions if action.when == condition}
+    return list(places.values())
 
 
 def _moving(s: System) -> ca.SX:
@@ -375,6 +385,11 @@ def initial_memory(machine: Machine, system: System, time: float, u: np.ndarray,
     start = [system.variables[i].declaration.start or 0.0 for i in h.discretes]
     clock = ca.Function("clock", [system.p], [h.periods, h.offsets])
     periods, offsets = (np.asarray(value).ravel() for value in clock(p))
+    if np.any(wrong := ~(periods > 0)):
+        k = int(np.flatnonzero(wrong)[0])
+        raise ModelError(
+            f"The period of a clock in `{_clock_places(system)[k]}` is {periods[k]:g} s: `sample` takes a positive one."
+        )
     first = offsets + np.maximum(0.0, np.ceil((time - offsets) / periods - 1e-9)) * periods
     # the last event was long ago; a time far out of scale would spoil the error norm of the integrator
     none = np.zeros(memory.relations.numel() + memory.held.numel())
