@@ -11,6 +11,7 @@ from cartpend_dae.language import (
     Statements,
     connect,
     der,
+    discrete,
     dry_friction,
     flow,
     initial,
@@ -26,6 +27,18 @@ from cartpend_dae.linearize import linearize
 from cartpend_dae.simulate import simulate
 from cartpend_dae.start_report import describe_start
 from cartpend_dae.structure import structure_report
+from cartpend_dae.switching import (
+    assign,
+    both,
+    either,
+    if_else,
+    noevent,
+    pre,
+    reinit,
+    sample,
+    terminate,
+    when,
+)
 from cartpend_dae.system import System
 
 __all__ = [
@@ -43,21 +56,32 @@ __all__ = [
     "System",
     "Trajectory",
     "assemble",
+    "assign",
+    "both",
     "connect",
     "der",
     "describe_start",
+    "discrete",
     "dry_friction",
+    "either",
     "flow",
+    "if_else",
     "initial",
     "linearize",
     "lqr",
+    "noevent",
     "param",
     "place",
     "port",
+    "pre",
+    "reinit",
+    "sample",
     "signal",
     "simulate",
     "structure_report",
+    "terminate",
     "time",
     "unknown",
     "var",
+    "when",
 ]

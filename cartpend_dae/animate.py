@@ -7,15 +7,17 @@ translational body a box on the rail, two translational flanges a spring, a rod 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter, writers
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from cartpend_dae.data import Trajectory
 from cartpend_dae.errors import ModelError
 from cartpend_dae.system import System
+
+if TYPE_CHECKING:
+    from matplotlib.animation import FFMpegWriter, PillowWriter
+    from matplotlib.axes import Axes
 
 BODY, ROD, SPRING, RAIL = "#0072B2", "#D55E00", "#777777", "#BBBBBB"
 ZIGZAG = np.array([0.0, 0.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 0.0, 0.0])
@@ -54,6 +56,9 @@ def animate(
     ModelError
         If nothing of the model can be drawn, the file type is unknown, or ffmpeg is missing.
     """
+    from matplotlib.animation import FuncAnimation
+    from matplotlib.figure import Figure
+
     path = Path(file)
     writer = _writer(path, frames_per_second)
     duration = float(trajectory.time[-1] - trajectory.time[0])
@@ -88,7 +93,9 @@ def animate(
     return path
 
 
-def _writer(path: Path, frames_per_second: float) -> PillowWriter | FFMpegWriter:
+def _writer(path: Path, frames_per_second: float) -> "PillowWriter | FFMpegWriter":
+    from matplotlib.animation import FFMpegWriter, PillowWriter, writers
+
     if path.suffix == ".gif":
         return PillowWriter(fps=round(frames_per_second))
     if path.suffix != ".mp4":
@@ -138,7 +145,7 @@ def _length(system: System, prefix: str) -> float:
     return 1.0
 
 
-def _frame(axes: Axes, shapes: list[Shape], name: str) -> None:
+def _frame(axes: "Axes", shapes: list[Shape], name: str) -> None:
     """Fit the axes to all that moves, with equal scales, and draw the rail."""
     x, y = (np.concatenate([getattr(shape, q).ravel() for shape in shapes]) for q in ("x", "y"))
     margin = 0.08 * max(float(np.ptp(x)), float(np.ptp(y)), 1e-3)

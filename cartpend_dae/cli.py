@@ -17,6 +17,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from cartpend_dae.animate import animate
 from cartpend_dae.assemble import assemble
 from cartpend_dae.compiled import cache_folder, cached_libraries, clear_cache
 from cartpend_dae.demo import make_demo
@@ -187,8 +188,6 @@ def simulate(
     )
     written = list(write_simulation(out, system, trajectory))
     if film is not None:
-        from cartpend_dae.animate import animate
-
         written.append(animate(system, trajectory, film))
     console = _console()
     console.print(tables.trajectory_table(system, trajectory))

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.dae import friction_laws
+from cartpend_dae.errors import ModelError
 from cartpend_dae.hybrid import Hybrid
 from cartpend_dae.merge import parallel_frictions
 from cartpend_dae.system import System
@@ -33,7 +34,7 @@ INSTANT, CROWD = 1e-9, 200
 HASTE, SHRINKS = 1e-6, 3
 
 CHATTER, ZENO = -1, -2
-N_NOTE = 8
+N_NOTE = 9
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +45,8 @@ class Memory:
     of the `next` tick of each clock, and `note`: why the run stopped (0: it did not; the number of an action, from 1;
     `CHATTER` or
     `ZENO`), when, the time of the last event, how many were at that instant, how many in all; the time of the last
-    jump of a state, the interval before it, and how many intervals in a row were short and ever shorter.
+    jump of a state, the interval before it, how many intervals in a row were short and ever shorter; and the begin of
+    the interval of inputs that the last decision knew (last, `seen`).
     """
 
     modes: ca.SX
@@ -58,6 +60,11 @@ class Memory:
     def vector(self) -> ca.SX:
         """All of it as one column."""
         return ca.vertcat(self.modes, self.discretes, self.relations, self.held, self.next, self.note)
+
+    @property
+    def seen(self) -> ca.SX:
+        """The begin of the interval of inputs that the last decision knew [s]."""
+        return self.note[N_NOTE - 1]
 
     @property
     def whole(self) -> "Memory":
@@ -81,7 +88,7 @@ class Machine:
     """A system with its memory.
 
     `system` is that between events: discrete variables, relations and pulses are inputs after its own. `force` are the
-    friction forces that the memory implies; `indicators` fire where they fall through zero;
+    friction forces that the memory implies; `indicators` fire where they fall through zero, each at a place;
     ``settle(t, x, memory, z, u, p) -> (x, memory)`` decides at an event.
     """
 
@@ -89,6 +96,7 @@ class Machine:
     memory: Memory
     force: ca.SX
     indicators: ca.SX
+    places: tuple[str, ...]
     settle: ca.Function
 
 
@@ -115,8 +123,14 @@ def machine(system: System, span: float = 1.0) -> Machine:
         A system with dry friction or events of its own.
     span
         Length of the whole run [s], against which events at one instant are told.
+
+    Raises
+    ------
+    ModelError
+        If a `reinit` names what is no state.
     """
     s, h = system, system.hybrid
+    _check_targets(s)
     plain = between_events(s)
     n_f = s.frictions.force.numel()
     memory = Memory(
@@ -132,10 +146,22 @@ def machine(system: System, span: float = 1.0) -> Machine:
     whole = memory.whole
     force = _forces(law.free, law.influence, law.level_pos, law.level_neg, whole.modes, rigid) if n_f else ca.SX(0, 1)
     step = _step(s, memory, force, law.speed, span)
-    indicators = _indicators(s, whole, force, law.speed)
+    indicators, places = _indicators(s, whole, force, law.speed)
     if h.relations.numel():
         force, indicators = ca.substitute([force, indicators], [h.relations], [whole.relations])
-    return Machine(plain, memory, force, indicators, _settle(s, memory, step))
+    return Machine(plain, memory, force, indicators, places, _settle(s, memory, step))
+
+
+def _check_targets(s: System) -> None:
+    """Refuse a jump of a variable that nothing keeps."""
+    wrong = sorted(
+        f"`reinit` in `{action.place}` names `{s.variables[action.target].name}`, which is no state"
+        for action in s.hybrid.actions
+        if action.kind == "reinit" and s.variables[action.target].name not in s.state_relations
+    )
+    if wrong:
+        states = ", ".join(f"`{name}`" for name in s.states) or "none"
+        raise ModelError(f"{s.name}: {'; '.join(wrong)}, so that nothing keeps its value; the states are: {states}.")
 
 
 def _forces(free: ca.SX, influence: ca.SX, pos: ca.SX, neg: ca.SX, modes: ca.SX, is_shared: tuple[bool, ...]) -> ca.SX:
@@ -169,10 +195,11 @@ def _band(s: System, k: int) -> ca.SX:
     return BAND * (1e-2 + sides) + TICK * (1 + ca.fabs(s.time)) * ca.fabs(rate)
 
 
-def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> ca.SX:
-    """Return what falls through zero at an event, from above; all stay above zero once the run has stopped."""
+def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> tuple[ca.SX, tuple[str, ...]]:
+    """Return what falls through zero at an event, from above, and its place; above zero once the run has stopped."""
     f, h = s.frictions, s.hybrid
     found: list[ca.SX] = []
+    places: list[str] = []
     for i in range(f.force.numel()):
         mode = memory.modes[i]
         # the small offset lets an event fire whose indicator is exactly zero at an output time
@@ -182,16 +209,30 @@ def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> ca.SX:
         found.append(ca.if_else(mode == 0, down, 1))
         if not f.static_pos[i].is_constant() and ca.depends_on(f.static_pos[i], ca.vertcat(_moving(s), h.symbols)):
             found.append(ca.if_else(mode == 2, FREE - f.static_pos[i], f.static_pos[i] - FREE / 2))
+        places += [f.places[i]] * (len(found) - len(places))
     for k in range(h.relations.numel()):
         difference = h.differences[k]
-        found.append(ca.if_else(memory.relations[k] > 0.5, -difference, difference) + _band(s, k))
+        # what has just turned back inside the band is well above zero, lest its next crossing go unseen
+        rate, side = _pace(s, k), ca.if_else(memory.relations[k] > 0.5, -1, 1)
+        found.append(side * difference + _band(s, k) * ca.if_else(side * rate > 0, 3, 1))
+    places += [*h.relation_places, *_clock_places(s)]
     # a clock ticks just before its time: an indicator that is zero exactly at an output time may be passed over
     found += [_next_tick(h, memory, k) - 1e-10 * h.periods[k] - s.time for k in range(h.pulses.numel())]
     indicators = ca.SX(ca.vertcat(*found))
     if f.places:
         indicators = ca.substitute(indicators, f.force, force)
     indicators = ca.substitute(indicators, h.pulses, ca.SX.zeros(h.pulses.numel()))
-    return ca.if_else(memory.note[0] == 0, indicators, 1)
+    return ca.if_else(memory.note[0] == 0, indicators, 1), tuple(places)
+
+
+def _clock_places(s: System) -> list[str]:
+    """Return for each clock a place that listens to it."""
+    h = s.hybrid
+    listens = ca.jacobian_sparsity(h.conditions, h.pulses)
+    places = [s.name] * h.pulses.numel()
+    for condition, k in zip(*listens.get_triplet(), strict=True):
+        places[k] = next((action.place for action in h.actions if action.when == condition), s.name)
+    return places
 
 
 def _next_tick(h: Hybrid, memory: Memory, k: int) -> ca.SX:
@@ -211,6 +252,7 @@ def _step(s: System, memory: Memory, force: ca.SX, speed: ca.SX, span: float) ->
     band = ca.SX(ca.vertcat(*[_band(s, k) for k in range(h.relations.numel())]))
     # an event lies on the edge of the band within rounding: half of it tells which relation that is
     relations = h.differences < ca.if_else(memory.relations > 0.5, band, -band) / 2
+    relations = _heading(s, relations, band)
     due = [_next_tick(h, memory, k) - 1e-9 * h.periods[k] for k in range(h.pulses.numel())]
     ticks = is_first * (s.time >= ca.SX(ca.vertcat(*due)))
     truths, values = ca.substitute([h.conditions, h.values], [h.symbols], [ca.vertcat(relations, ticks)])
@@ -231,6 +273,31 @@ def _step(s: System, memory: Memory, force: ca.SX, speed: ca.SX, span: float) ->
     if h.relations.numel():
         results = ca.substitute(results, [h.relations], [memory.relations])
     return ca.Function("step", arguments, results)
+
+
+def _heading(s: System, relations: ca.SX, band: ca.SX) -> ca.SX:
+    """Let the direction of motion decide a relation inside its band, such as that of what has just bounced.
+
+    Else it would leave the band with the old value, and come back within one step of the integrator unseen. Only
+    states tell the direction: an algebraic variable or an input does not say how fast it changes.
+    """
+    h = s.hybrid
+    if not h.relations.numel():
+        return relations
+    decided = []
+    for k in range(h.relations.numel()):
+        rate = _pace(s, k)
+        turned = ca.if_else(rate == 0, relations[k], rate < 0)
+        decided.append(ca.if_else(ca.fabs(h.differences[k]) < 2 * band[k], turned, relations[k]))
+    return ca.vertcat(*decided)
+
+
+def _pace(s: System, k: int) -> ca.SX:
+    """Return how fast the difference of relation k changes, or 0 where states alone do not tell."""
+    difference, unknown = s.hybrid.differences[k], ca.vertcat(s.z, s.u, s.frictions.force)
+    if unknown.numel() and ca.depends_on(difference, unknown):
+        return ca.SX(0)
+    return ca.jtimes(difference, s.x, s.ode) + ca.jacobian(difference, s.time)
 
 
 def _acted(s: System, memory: Memory, fires: ca.SX, values: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
@@ -293,9 +360,11 @@ def _noted(note: ca.SX, time: ca.SX, is_first: ca.SX, stop: ca.SX, jumped: ca.SX
     shrinks = ca.if_else(anew, ca.if_else(is_shorter, note[7] + 1, 0), note[7])
     endless = ca.logic_or(crowd > CROWD, shrinks >= SHRINKS)
     reason = ca.if_else(ca.logic_and(stop == 0, endless), ZENO, stop)
-    stopped = ca.if_else(ca.logic_and(note[0] == 0, reason != 0), time, note[1])
+    # intervals that shrink by the same share end after a geometric series of them
+    rest = ca.if_else(ca.logic_and(stop == 0, shrinks >= SHRINKS), interval**2 / (note[6] - interval), 0)
+    stopped = ca.if_else(ca.logic_and(note[0] == 0, reason != 0), time + rest, note[1])
     jump, before = ca.if_else(anew, time, note[5]), ca.if_else(anew, interval, note[6])
-    return ca.vertcat(reason, stopped, time, crowd, note[4] + is_first, jump, before, shrinks)
+    return ca.vertcat(reason, stopped, time, crowd, note[4] + is_first, jump, before, shrinks, note[8])
 
 
 def _settle(s: System, memory: Memory, step: ca.Function) -> ca.Function:
@@ -310,8 +379,9 @@ def _settle(s: System, memory: Memory, step: ca.Function) -> ca.Function:
     for _ in range(ROUNDS):
         new_x, new_m, changed = chosen(changed, time, new_x, new_m, z, u, p, 0)
     first = n_m - N_NOTE
-    reason = ca.if_else(ca.logic_and(changed, new_m[first] == 0), CHATTER, new_m[first])
-    new_m = ca.vertcat(new_m[:first], reason, new_m[first + 1 :])
+    chatters = ca.logic_and(changed, new_m[first] == 0)
+    reason, stopped = ca.if_else(chatters, CHATTER, new_m[first]), ca.if_else(chatters, time, new_m[first + 1])
+    new_m = ca.vertcat(new_m[:first], reason, stopped, new_m[first + 2 :])
     return ca.Function("settle", [time, x, m, z, u, p], [new_x, new_m])
 
 
@@ -321,11 +391,22 @@ def initial_memory(machine: Machine, system: System, time: float, u: np.ndarray,
     start = [system.variables[i].declaration.start or 0.0 for i in h.discretes]
     clock = ca.Function("clock", [system.p], [h.periods, h.offsets])
     periods, offsets = (np.asarray(value).ravel() for value in clock(p))
+    if np.any(wrong := ~(periods > 0)):
+        k = int(np.flatnonzero(wrong)[0])
+        raise ModelError(
+            f"The period of a clock in `{_clock_places(system)[k]}` is {periods[k]:g} s: `sample` takes a positive one."
+        )
     first = np.maximum(0.0, np.ceil((time - offsets) / periods - 1e-9))
     # the last event was long ago; a time far out of scale would spoil the error norm of the integrator
     none = np.zeros(memory.relations.numel() + memory.held.numel())
     return np.concatenate(
-        [np.zeros(memory.modes.numel()), start, none, first, [0.0, 0.0, time - 1e3, 0.0, 0.0, time - 1e3, 1e3, 0.0]]
+        [
+            np.zeros(memory.modes.numel()),
+            start,
+            none,
+            first,
+            [0.0, 0.0, time - 1e3, 0.0, 0.0, time - 1e3, 1e3, 0.0, time],
+        ]
     )
 
 

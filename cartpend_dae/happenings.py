@@ -22,6 +22,7 @@ def hybrid_of(tables: Gathered, collector: Collector) -> Hybrid:
     for place, statement in tables.whens:
         if isinstance(statement, When):
             conditions.append(statement.condition)
+            _check_condition(tables, collector, place, statement.condition)
         for action in statement.actions if isinstance(statement, When) else (statement,):
             number = len(conditions) - 1 if isinstance(statement, When) else -1
             if isinstance(action, Terminate):
@@ -57,6 +58,21 @@ def _stack(items: list[ca.SX]) -> ca.SX:
 
 def _mode_of(tables: Gathered, mode: ca.SX | None) -> int:
     return -1 if mode is None else tables.variable_of[mode.element_hash()][0]
+
+
+def _check_condition(tables: Gathered, collector: Collector, place: str, condition: ca.SX) -> None:
+    """Refuse a condition on what changes between events but by a comparison whose change can be located."""
+    moving = []
+    for symbol in ca.symvar(condition):
+        known = tables.variable_of.get(symbol.element_hash())
+        is_time = symbol.element_hash() == collector.time.element_hash()
+        if is_time or (known is not None and tables.variables[known[0]].kind != "discrete"):
+            moving.append(f"`{symbol.name()}`")
+    if moving:
+        tables.findings.append(
+            f"The condition `{condition}` of `when` in `{place}` depends on {', '.join(sorted(moving))} outside of a "
+            f"comparison, so that no event tells when it becomes true: compare by `<`, `<=`, `>` or `>=`."
+        )
 
 
 def _check_target(tables: Gathered, place: str, kind: str, target: int, variable: ca.SX) -> None:

@@ -28,6 +28,14 @@ class DrivenInputs:
     expressions: dict[int, Callable[[ca.SX], ca.SX]]
 
 
+def jumps_of(driven: DrivenInputs, grid: np.ndarray) -> np.ndarray:
+    """Return 1 for each interval of the grid (n,) [s] at whose begin an input jumps, else 0; shape (n - 1,)."""
+    ends = driven.left + driven.slope * np.diff(grid)
+    steps = np.abs(driven.left[:, 1:] - ends[:, :-1])
+    scale = np.abs(driven.left).max(axis=1, initial=0.0, keepdims=True)
+    return np.append(0.0, (steps > 1e-12 * scale).any(axis=0).astype(float))
+
+
 def checked_inputs(system: System, inputs: Mapping[str, Input]) -> dict[str, Input]:
     """Return what drives each input of a system, by name; an input left out takes its declared default.
 

@@ -1,7 +1,7 @@
 """From a consistent start through all events to the states at the output times, by CasADi's integrators."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import casadi as ca
@@ -12,8 +12,9 @@ from cartpend_dae.dae import all_variables
 from cartpend_dae.data import Trajectory
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.events import CHATTER, Machine, initial_memory, machine
+from cartpend_dae.hybrid_problem import hybrid_problem, replaced
 from cartpend_dae.initialize import Start, algebraics_along
-from cartpend_dae.inputs import DrivenInputs, inputs_at
+from cartpend_dae.inputs import DrivenInputs, inputs_at, jumps_of
 from cartpend_dae.integration import Integration
 from cartpend_dae.system import System
 
@@ -24,6 +25,10 @@ MOST_EVENTS = 1_000_000
 STABLE, MOST_STEPS = 3.3, 300_000
 # compiled, an explicit step costs a quarter of an implicit one, of which a few thousand are enough
 FEW_STEPS = 20_000
+# largest steps as parts of the whole time, tried until no event is passed over
+SHARES = (1 / 500, 1 / 2500, 1 / 12500, 1 / 62500)
+# part of its largest magnitude by which an indicator may be below zero
+UNSEEN = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,29 +153,73 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
     if made is None and system.x.numel() == 0:
         z = algebraics_along(system, Start(begin.x, begin.z, begin.p, {}), begin.p, inputs_at(driven, grid), grid)
         return Run(np.zeros((0, grid.size)), z, None)
-    x_0 = np.concatenate([begin.x, begin.memory])
+    problem, transition, stacked = hybrid_problem(begin.system, made, driven, grid)
     options: dict[str, Any] = {"reltol": choice.rtol, "abstol": choice.atol, "show_eval_warnings": False}
-    problem, transition, stacked = _problem(begin.system, made, driven, grid)
     span = float(grid[-1] - grid[0])
     if ca.depends_on(ca.vertcat(problem["ode"], problem["alg"]), problem["t"]):
         options["max_step_size"] = span / 500  # what time does to a model at rest, a long step would pass over
-    if transition is not None:
-        # after an event an indicator counts only above `event_tol`: with its default of 1e-6 close events are lost
-        options |= {"max_step_size": span / 500, "max_events": MOST_EVENTS, "transition": transition, "event_tol": 0.0}
-    whole = Integration(problem, options, grid, x_0, begin.z, begin.p, stacked, choice.is_compiled)
-    plugin, result, reason = "", None, ""
+    if made is None or transition is None:
+        return _run(begin, driven, choice, Integration(problem, options, grid, begin.x, begin.z, begin.p, stacked))
+    # after an event an indicator counts only above `event_tol`: with its default of 1e-6 close events are lost
+    options |= {"max_events": MOST_EVENTS, "transition": transition, "event_tol": 0.0}
+    x_0 = np.concatenate([begin.x, begin.memory])
+    x_0 = np.append(x_0, np.zeros(problem["x"].numel() - x_0.size))
+    missed: list[str] = []
+    for share in SHARES:
+        options = options | {"max_step_size": span * share}
+        run = _run(begin, driven, choice, Integration(problem, options, grid, x_0, begin.z, begin.p, stacked))
+        _check_end(begin, run)
+        run = _right_of_jumps(begin, made, driven, run, grid)
+        missed = _missed(begin, made, driven, run, grid)
+        if not missed:
+            return run
+    raise SolverError(
+        f"{system.name}: events of {', '.join(missed)} are passed over even with steps of {options['max_step_size']:g} "
+        f"s: a condition changes there and back faster than that. Simulate a shorter time, or let it change slower."
+    )
+
+
+def _run(begin: Begin, driven: DrivenInputs, choice: Choice, whole: Integration) -> Run:
+    """Integrate by the first of some integrators that can."""
+    system, grid, n_x, n_m = begin.between, whole.grid, begin.x.size, begin.memory.size
+    whole = replace(whole, is_compiled=choice.is_compiled)
+    result, failures = None, []
     for plugin in _plugins(begin, driven, grid, choice):
         result, reason = whole.run(plugin, grid.size)
         if result is not None:
             break
+        failures.append((plugin, reason))
     if result is None:
         u = begin.inputs(inputs_at(driven, grid), np.tile(begin.memory[:, None], grid.size))
-        raise SolverError(breakdown_sentence(system, whole, (plugin, reason), u))
-    x = np.column_stack([x_0, np.asarray(result["xf"])])
+        raise SolverError(breakdown_sentence(system, whole, failures[0], u))
+    x = np.column_stack([whole.x, np.asarray(result["xf"])])
     z = np.column_stack([begin.z, np.asarray(result["zf"])]) if begin.z.size else np.zeros((0, grid.size))
-    run = Run(x[: begin.x.size], z, None if made is None else x[begin.x.size :])
-    _check_end(begin, run)
-    return run
+    return Run(x[:n_x], z, None if begin.machine is None else x[n_x : n_x + n_m])
+
+
+def _right_of_jumps(begin: Begin, made: Machine, driven: DrivenInputs, run: Run, grid: np.ndarray) -> Run:
+    """Return a run that shows what is decided after the jump of an input, as the inputs themselves are shown."""
+    if run.memory is None:
+        return run
+    x, memory, u = run.x.copy(), run.memory.copy(), inputs_at(driven, grid)
+    for k in np.flatnonzero(jumps_of(driven, grid)):
+        new_x, new_memory = made.settle(grid[k], x[:, k], memory[:, k], run.z[:, k], u[:, k], begin.p)
+        x[:, k], memory[:, k] = np.asarray(new_x).ravel(), np.asarray(new_memory).ravel()
+    return Run(x, run.z, memory)
+
+
+def _missed(begin: Begin, made: Machine, driven: DrivenInputs, run: Run, grid: np.ndarray) -> list[str]:
+    """Return the places whose memory disagrees with the states at an output time."""
+    if run.memory is None:
+        return []
+    s, u = begin.system, inputs_at(driven, grid)
+    arguments = [s.time, s.x, made.memory.vector, s.z, s.u, s.p]
+    function = ca.Function("indicators", arguments, [made.indicators]).map(grid.size)
+    columns = np.tile(begin.p[:, None], grid.size)
+    values = np.asarray(function(grid[None, :], run.x, run.memory, run.z, u, columns))
+    # an event lies where it is found; what a step leaves wrong is far larger
+    least = -UNSEEN * np.abs(values).max(axis=1, initial=0.0)
+    return sorted({f"`{made.places[k]}`" for k in np.flatnonzero((least > values.T).any(axis=0))})
 
 
 def _plugins(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choice) -> tuple[str, ...]:
@@ -190,7 +239,11 @@ def _plugins(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choic
     if choice.is_compiled:  # cvodes and idas cannot be
         n_steps = _fastest_rate(begin, driven, grid) * float(grid[-1] - grid[0]) / STABLE
         return ("erk",) if n_steps < FEW_STEPS and not begin.z.size else ("rosenbrock",)
-    return ("idas",) if begin.system.algebraics else ("cvodes",)
+    if begin.system.algebraics:
+        # idas finds no way on from algebraic variables that jump with an input; one step of rosenbrock knows no past
+        return ("rosenbrock", "idas") if jumps_of(driven, grid).any() else ("idas", "rosenbrock")
+    # cvodes gives up now and then where an input jumps
+    return ("cvodes", "rosenbrock") if jumps_of(driven, grid).any() else ("cvodes",)
 
 
 def _fastest_rate(begin: Begin, driven: DrivenInputs, grid: np.ndarray) -> float:
@@ -201,76 +254,12 @@ def _fastest_rate(begin: Begin, driven: DrivenInputs, grid: np.ndarray) -> float
         return np.inf
     ode, symbols, modes = s.ode, ca.SX(0, 1), np.zeros(0)
     if made is not None:
-        (ode,) = _replaced([s.ode], [(s.frictions.force, made.force)])
+        (ode,) = replaced([s.ode], [(s.frictions.force, made.force)])
         symbols, modes = made.memory.modes, made.memory.split(begin.memory)["modes"]
     slopes = ca.Function("slopes", [s.time, s.x, s.z, s.u, s.p, symbols], [ca.jacobian(ode, s.x)])
     u = begin.inputs(inputs_at(driven, grid)[:, 0])
     values = np.asarray(slopes(grid[0], begin.x, begin.z, u, begin.p, modes))
     return float(np.abs(np.linalg.eigvals(values)).max(initial=0.0)) if np.all(np.isfinite(values)) else np.inf
-
-
-def _inputs(s: System, driven: DrivenInputs, grid: np.ndarray) -> tuple[ca.SX, ca.SX, np.ndarray]:
-    """Return the inputs as expressions, the symbols that change between intervals, and their values over these.
-
-    What is constant stands as a number: an integrator stops wherever one of the symbols may change.
-    """
-    left, slope = driven.left, driven.slope
-    values = ca.SX(ca.DM(left[:, 0])) if left.shape[0] else ca.SX(0, 1)
-    sloping = np.flatnonzero(np.any(slope != 0, axis=1))
-    changing = [r for r in range(left.shape[0]) if r not in driven.expressions and np.any(left[r] != left[r, 0])]
-    rows = sorted({*changing, *sloping.tolist()})
-    starts, slopes = ca.SX.sym("left", len(rows)), ca.SX.sym("slope", sloping.size)
-    begin = ca.SX.sym("begin", 1 if sloping.size else 0)
-    for k, row in enumerate(rows):
-        values[row] = starts[k]
-    for k, row in enumerate(sloping.tolist()):
-        values[row] += slopes[k] * (s.time - begin)
-    for row, expression in driven.expressions.items():
-        values[row] = ca.SX(expression(s.time))
-    stacked = np.vstack([left[rows], slope[sloping], *([grid[:-1]] if sloping.size else [])])
-    return values, ca.vertcat(starts, slopes, begin), stacked
-
-
-def _problem(
-    system: System, made: Machine | None, driven: DrivenInputs, grid: np.ndarray
-) -> tuple[dict[str, ca.SX], ca.Function | None, np.ndarray]:
-    """Return the problem for `casadi.integrator`, what happens at events, and inputs over the intervals."""
-    s = system
-    values, u, stacked = _inputs(s, driven, grid)
-    if made is None:
-        ode, alg = _replaced([s.ode, s.alg], [(s.u, values)])
-        return {"x": s.x, "z": s.z, "p": s.p, "u": u, "t": s.time, "ode": ode, "alg": alg}, None, stacked
-    memory, pulses = made.memory, s.hybrid.pulses
-    whole = memory.whole
-    old = [(s.frictions.force, made.force), (pulses, ca.SX.zeros(pulses.numel()))]
-    old += [(s.hybrid.relations, whole.relations), (s.u, values)]
-    ode, alg = s.ode, s.alg
-    for pair in old:
-        ode, alg = _replaced([ode, alg], [pair])
-    (indicators,) = _replaced([made.indicators], [(s.u, values)])
-    x = ca.vertcat(s.x, memory.vector)
-    runs = whole.note[0] == 0
-    ode = ca.vertcat(ca.if_else(runs, ode, 0), ca.SX.zeros(memory.vector.numel()))
-    problem = {"x": x, "z": s.z, "p": s.p, "u": u, "t": s.time, "ode": ode, "alg": alg, "zero": indicators}
-    return problem, _transition(s, made, u, values), stacked
-
-
-def _transition(s: System, made: Machine, u: ca.SX, values: ca.SX) -> ca.Function:
-    """Return what happens at an event in the form that CasADi's integrators ask for."""
-    inputs = ca.Function("inputs", [s.time, u], [values])
-    n_x, n_m = s.x.numel(), made.memory.vector.numel()
-    fired, time, x = ca.MX.sym("fired"), ca.MX.sym("t"), ca.MX.sym("x", n_x + n_m)
-    z, p, packed = ca.MX.sym("z", s.z.numel()), ca.MX.sym("p", s.p.numel()), ca.MX.sym("u", u.numel())
-    new_x, new_m = made.settle(time, x[:n_x], x[n_x:], z, inputs(time, packed), p)
-    after = [ca.vertcat(new_x, new_m), z]
-    return ca.Function("transition", [fired, time, x, z, p, packed], after, ca.event_in(), ca.event_out())
-
-
-def _replaced(expressions: list[ca.SX], pairs: list[tuple[ca.SX, ca.SX]]) -> list[ca.SX]:
-    pairs = [pair for pair in pairs if pair[0].numel()]
-    if not pairs:
-        return expressions
-    return list(ca.substitute(expressions, [old for old, _ in pairs], [new for _, new in pairs]))
 
 
 def _check_end(begin: Begin, run: Run) -> None:

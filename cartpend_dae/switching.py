@@ -85,12 +85,12 @@ def assign(variable: ca.SX, value: Expression) -> Assign:
 
     Inside `when` it happens once, at the event; yielded by itself it is decided anew at every event.
     """
-    return Assign(_symbol("assign", variable), ca.SX(value))
+    return Assign(_symbol("assign", variable), _scalar("assign", value))
 
 
 def reinit(variable: ca.SX, value: Expression) -> Reinit:
     """Let a state jump to a value [unit of the variable]."""
-    return Reinit(_symbol("reinit", variable), ca.SX(value))
+    return Reinit(_symbol("reinit", variable), _scalar("reinit", value))
 
 
 def terminate(condition: ca.SX, sentence: str) -> When:
@@ -115,7 +115,7 @@ def if_else(condition: ca.SX | NoEvent, value: Expression, otherwise: Expression
         Expressions of one unit.
     """
     decided = condition.condition if isinstance(condition, NoEvent) else _with_relations(condition)
-    return ca.if_else(decided, ca.SX(value), ca.SX(otherwise))
+    return ca.if_else(decided, _scalar("if_else", value), _scalar("if_else", otherwise))
 
 
 def noevent(condition: ca.SX) -> NoEvent:
@@ -152,6 +152,13 @@ def _symbol(what: str, variable: object) -> ca.SX:
     if not isinstance(variable, ca.SX) or not variable.is_scalar() or not variable.is_symbolic():
         raise ModelError(f"`{what}` takes a variable of a component, such as `self.v`, not {variable!r}.")
     return variable
+
+
+def _scalar(what: str, value: Expression) -> ca.SX:
+    if isinstance(value, ca.SX) and not value.is_scalar():
+        rows, columns = value.shape
+        raise ModelError(f"`{what}` takes one value, not a matrix of {rows} by {columns}: write one for each element.")
+    return ca.SX(value)
 
 
 def _with_relations(condition: object) -> ca.SX:

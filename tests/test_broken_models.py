@@ -3,12 +3,12 @@
 import re
 
 import pytest
-from broken_models import arguments, authors, balance, circuits, connections, mechanics, statements
+from broken_models import arguments, authors, balance, circuits, connections, events, mechanics, statements
 from broken_models.case import Broken, cases_of
 
 CASES = [
     case
-    for module in (arguments, authors, balance, circuits, connections, mechanics, statements)
+    for module in (arguments, authors, balance, circuits, connections, events, mechanics, statements)
     for case in cases_of(module)
 ]
 ENDS = (".", "?")

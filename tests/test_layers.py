@@ -49,7 +49,8 @@ LAYERS = """
     linear_model stepping inputs integration
     operating_point breakdown
     linearize design
-    time_events integrate
+    hybrid_problem time_events
+    integrate
     simulate
     transcribe
     programme
