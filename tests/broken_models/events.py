@@ -72,7 +72,7 @@ def reinit_of_no_state():
     return simulate(ramp(law, y=var(unit="1")), 1.0)
 
 
-@broken(ModelError, r"`reinit` in `Ramp` names `T`, which is no variable of the model")
+@broken(ModelError, r"`reinit` in `Ramp` names `Ramp\.T`, which is no variable of the model")
 def reinit_of_a_parameter():
     def law(self):
         yield when(self.x > 1, reinit(self.T, 0.0))
@@ -98,7 +98,7 @@ def assign_of_a_vector():
 
 @broken(
     ModelError,
-    r"condition `\(x==1\)` of `when` in `Ramp` depends on `x` outside of a comparison.*`<`, `<=`, `>` or `>=`",
+    r"condition `\(Ramp\.x==1\)` of `when` in `Ramp` depends on `Ramp\.x` outside of a comparison.*`<`, `<=`, `>` or `>=`",
 )
 def when_an_equation_holds():
     def law(self):
@@ -107,7 +107,10 @@ def when_an_equation_holds():
     return assemble(ramp(law))
 
 
-@broken(ModelError, r"condition `x` of `when` in `Ramp` depends on `x` outside of a comparison.*`<`, `<=`, `>` or `>=`")
+@broken(
+    ModelError,
+    r"condition `Ramp\.x` of `when` in `Ramp` depends on `Ramp\.x` outside of a comparison.*`<`, `<=`, `>` or `>=`",
+)
 def when_a_variable():
     def law(self):
         yield when(self.x, assign(self.n, 0.0))
