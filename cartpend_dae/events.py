@@ -42,10 +42,10 @@ class Memory:
     """What is constant between events, each a column of symbols.
 
     `modes` of dry frictions in {-1, 0, 1, 2}, `discretes`, `relations` and `held` conditions in {0, 1}, the `next`
-    time of each clock, and `note`: why the run stopped (0: it did not; the number of an action, from 1; `CHATTER` or
-    `ZENO`), when, the time of the last event, how many were at that instant, how many in all; the time of the last
-    jump of a state, the interval before it, how many intervals in a row were short and ever shorter; and the begin of
-    the interval of inputs that the last decision knew (last, `seen`).
+    tick of each clock, from 0 (a sum of periods would drift by rounding), and `note`: why the run stopped (0: it did
+    not; the number of an action, from 1; `CHATTER` or `ZENO`), when, the time of the last event, how many were at that
+    instant, how many in all; the time of the last jump of a state, the interval before it, how many intervals in a row
+    were short and ever shorter; and the begin of the interval of inputs that the last decision knew (`seen`).
     """
 
     modes: ca.SX
@@ -68,10 +68,10 @@ class Memory:
     @property
     def whole(self) -> "Memory":
         """The memory with whole numbers as such: implicit integrators leave 1e-39 where there was zero."""
-        whole = [ca.floor(part + 0.5) for part in (self.modes, self.relations, self.held)]
+        whole = [ca.floor(part + 0.5) for part in (self.modes, self.relations, self.held, self.next)]
         note = ca.SX(self.note)
         note[0] = ca.floor(note[0] + 0.5)
-        return Memory(whole[0], self.discretes, whole[1], whole[2], self.next, note)
+        return Memory(whole[0], self.discretes, whole[1], whole[2], whole[3], note)
 
     def split(self, values: np.ndarray) -> "dict[str, np.ndarray]":
         """Return the rows of (n_memory, n) values by the name of the part."""
@@ -216,7 +216,7 @@ def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> tuple[
         found.append(side * difference + _band(s, k) * ca.if_else(side * rate > 0, 3, 1))
     places += [*h.relation_places, *_clock_places(s)]
     # a clock ticks just before its time: an indicator that is zero exactly at an output time may be passed over
-    found += [memory.next[k] - 1e-10 * h.periods[k] - s.time for k in range(h.pulses.numel())]
+    found += [h.offsets[k] + (memory.next[k] - 1e-10) * h.periods[k] - s.time for k in range(h.pulses.numel())]
     indicators = ca.SX(ca.vertcat(*found))
     if f.places:
         indicators = ca.substitute(indicators, f.force, force)
@@ -247,16 +247,16 @@ def _step(s: System, memory: Memory, force: ca.SX, speed: ca.SX, span: float) ->
     # an event lies on the edge of the band within rounding: half of it tells which relation that is
     relations = h.differences < ca.if_else(memory.relations > 0.5, band, -band) / 2
     relations = _heading(s, relations, band)
-    ticks = is_first * (s.time >= memory.next - 1e-9 * h.periods)
+    ticks = is_first * (s.time >= h.offsets + (memory.next - 1e-9) * h.periods)
     truths, values = ca.substitute([h.conditions, h.values], [h.symbols], [ca.vertcat(relations, ticks)])
     fires = truths * (1 - memory.held)
     x, discretes, stop, jumped = _acted(s, memory, fires, values)
     x, modes = _modes(s, memory, force, speed, is_first, x)
-    next_time = memory.next + ticks * h.periods
+    next_tick = memory.next + ticks
     for i, target in enumerate(h.modes):
         if target >= 0:
             discretes[h.discretes.index(target)] = modes[i]
-    new = ca.vertcat(modes, discretes, relations, truths, next_time)
+    new = ca.vertcat(modes, discretes, relations, truths, next_tick)
     old = vector[: new.numel()]
     changed = ca.sum1(ca.vertcat(new != old, x != s.x)) > 0
     note = _noted(memory.note, s.time, is_first, stop, jumped, span)
@@ -380,7 +380,7 @@ def _settle(s: System, memory: Memory, step: ca.Function) -> ca.Function:
 
 
 def initial_memory(machine: Machine, system: System, time: float, u: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Return the memory before the first decision: start values, no modes, clocks at their first time from now on."""
+    """Return the memory before the first decision: start values, no modes, clocks at their first tick from now on."""
     h, memory = system.hybrid, machine.memory
     start = [system.variables[i].declaration.start or 0.0 for i in h.discretes]
     clock = ca.Function("clock", [system.p], [h.periods, h.offsets])
@@ -390,7 +390,7 @@ def initial_memory(machine: Machine, system: System, time: float, u: np.ndarray,
         raise ModelError(
             f"The period of a clock in `{_clock_places(system)[k]}` is {periods[k]:g} s: `sample` takes a positive one."
         )
-    first = offsets + np.maximum(0.0, np.ceil((time - offsets) / periods - 1e-9)) * periods
+    first = np.maximum(0.0, np.ceil((time - offsets) / periods - 1e-9))
     # the last event was long ago; a time far out of scale would spoil the error norm of the integrator
     none = np.zeros(memory.relations.numel() + memory.held.numel())
     return np.concatenate(
