@@ -394,7 +394,13 @@ def initial_memory(machine: Machine, system: System, time: float, u: np.ndarray,
     # the last event was long ago; a time far out of scale would spoil the error norm of the integrator
     none = np.zeros(memory.relations.numel() + memory.held.numel())
     return np.concatenate(
-        [np.zeros(memory.modes.numel()), start, none, first, [0.0, 0.0, time - 1e3, 0.0, 0.0, time - 1e3, 1e3, 0.0, time]]
+        [
+            np.zeros(memory.modes.numel()),
+            start,
+            none,
+            first,
+            [0.0, 0.0, time - 1e3, 0.0, 0.0, time - 1e3, 1e3, 0.0, time],
+        ]
     )
 
 

@@ -158,7 +158,9 @@ def test_a_relation_on_an_algebraic_variable(rising):
         yield self.y + self.y**3 == x
         yield from counted(self, self.y > 1 if rising else self.y < 1)
 
-    result = simulate(ramp(law, y=var(unit="1", start=1.0), n=discrete(unit="1"), at=discrete(unit="s")), 3.0, points=31, **TIGHT)
+    result = simulate(
+        ramp(law, y=var(unit="1", start=1.0), n=discrete(unit="1"), at=discrete(unit="s")), 3.0, points=31, **TIGHT
+    )
     assert result["n"][-1] == 1
     assert result["at"][-1] == pytest.approx(2.0, abs=1e-9)
 

@@ -96,7 +96,10 @@ def assign_of_a_vector():
     return assemble(ramp(law))
 
 
-@broken(ModelError, r"condition `\(x==1\)` of `when` in `Ramp` depends on `x` outside of a comparison.*`<`, `<=`, `>` or `>=`")
+@broken(
+    ModelError,
+    r"condition `\(x==1\)` of `when` in `Ramp` depends on `x` outside of a comparison.*`<`, `<=`, `>` or `>=`",
+)
 def when_an_equation_holds():
     def law(self):
         yield when(self.x == 1, assign(self.n, 0.0))
