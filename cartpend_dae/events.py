@@ -41,12 +41,11 @@ N_NOTE = 9
 class Memory:
     """What is constant between events, each a column of symbols.
 
-    `modes` of dry frictions in {-1, 0, 1, 2}, `discretes`, `relations` and `held` conditions in {0, 1}, the number
-    of the `next` tick of each clock, and `note`: why the run stopped (0: it did not; the number of an action, from 1;
-    `CHATTER` or
-    `ZENO`), when, the time of the last event, how many were at that instant, how many in all; the time of the last
-    jump of a state, the interval before it, how many intervals in a row were short and ever shorter; and the begin of
-    the interval of inputs that the last decision knew (last, `seen`).
+    `modes` of dry frictions in {-1, 0, 1, 2}, `discretes`, `relations` and `held` conditions in {0, 1}, the `next`
+    tick of each clock, from 0 (a sum of periods would drift by rounding), and `note`: why the run stopped (0: it did
+    not; the number of an action, from 1; `CHATTER` or `ZENO`), when, the time of the last event, how many were at that
+    instant, how many in all; the time of the last jump of a state, the interval before it, how many intervals in a row
+    were short and ever shorter; and the begin of the interval of inputs that the last decision knew (`seen`).
     """
 
     modes: ca.SX
@@ -217,7 +216,7 @@ def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> tuple[
         found.append(side * difference + _band(s, k) * ca.if_else(side * rate > 0, 3, 1))
     places += [*h.relation_places, *_clock_places(s)]
     # a clock ticks just before its time: an indicator that is zero exactly at an output time may be passed over
-    found += [_next_tick(h, memory, k) - 1e-10 * h.periods[k] - s.time for k in range(h.pulses.numel())]
+    found += [h.offsets[k] + (memory.next[k] - 1e-10) * h.periods[k] - s.time for k in range(h.pulses.numel())]
     indicators = ca.SX(ca.vertcat(*found))
     if f.places:
         indicators = ca.substitute(indicators, f.force, force)
@@ -235,11 +234,6 @@ def _clock_places(s: System) -> list[str]:
     return places
 
 
-def _next_tick(h: Hybrid, memory: Memory, k: int) -> ca.SX:
-    """Return the time of the next tick of a clock; ticks are counted, as a sum of periods would drift."""
-    return h.offsets[k] + memory.next[k] * h.periods[k]
-
-
 def _moving(s: System) -> ca.SX:
     return ca.vertcat(s.x, s.z, s.u, s.d, s.time)
 
@@ -253,16 +247,16 @@ def _step(s: System, memory: Memory, force: ca.SX, speed: ca.SX, span: float) ->
     # an event lies on the edge of the band within rounding: half of it tells which relation that is
     relations = h.differences < ca.if_else(memory.relations > 0.5, band, -band) / 2
     relations = _heading(s, relations, band)
-    due = [_next_tick(h, memory, k) - 1e-9 * h.periods[k] for k in range(h.pulses.numel())]
-    ticks = is_first * (s.time >= ca.SX(ca.vertcat(*due)))
+    ticks = is_first * (s.time >= h.offsets + (memory.next - 1e-9) * h.periods)
     truths, values = ca.substitute([h.conditions, h.values], [h.symbols], [ca.vertcat(relations, ticks)])
     fires = truths * (1 - memory.held)
     x, discretes, stop, jumped = _acted(s, memory, fires, values)
     x, modes = _modes(s, memory, force, speed, is_first, x)
+    next_tick = memory.next + ticks
     for i, target in enumerate(h.modes):
         if target >= 0:
             discretes[h.discretes.index(target)] = modes[i]
-    new = ca.vertcat(modes, discretes, relations, truths, memory.next + ticks)
+    new = ca.vertcat(modes, discretes, relations, truths, next_tick)
     old = vector[: new.numel()]
     changed = ca.sum1(ca.vertcat(new != old, x != s.x)) > 0
     note = _noted(memory.note, s.time, is_first, stop, jumped, span)
@@ -386,7 +380,7 @@ def _settle(s: System, memory: Memory, step: ca.Function) -> ca.Function:
 
 
 def initial_memory(machine: Machine, system: System, time: float, u: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Return the memory before the first decision: start values, no modes, clocks at their first time from now on."""
+    """Return the memory before the first decision: start values, no modes, clocks at their first tick from now on."""
     h, memory = system.hybrid, machine.memory
     start = [system.variables[i].declaration.start or 0.0 for i in h.discretes]
     clock = ca.Function("clock", [system.p], [h.periods, h.offsets])

@@ -398,3 +398,11 @@ def test_two_thresholds_that_cross_end_in_a_sentence_with_the_time_and_the_compo
 
     with pytest.raises(SolverError, match=r"at 0\.8 s the decisions of `heater` go round in circles"):
         simulate(joined(heater=Wrong()), 3.0)
+
+
+def test_a_clock_keeps_its_time_for_a_long_time():
+    """A sum of 6,000 periods drifts by rounding, and once met an output time so that no event told the tick."""
+    result = simulate(Clocks(), times=0.1 * np.arange(6001), method="erk")
+    k = np.arange(6001)
+    np.testing.assert_array_equal(result["a"], k // 2 + 1)
+    np.testing.assert_array_equal(result["b"], k // 3 + 1)
