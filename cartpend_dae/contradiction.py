@@ -62,7 +62,7 @@ def _culprits(flat: FlatSystem, used: list[int], equation: int) -> list[int]:
     jacobian = ca.jacobian(flat.residual[[*used, equation]], ca.vertcat(flat.symbols, flat.derivative_symbols))
     rows, columns = (np.array(part, dtype=int) for part in jacobian.sparsity().get_triplet())
     elements = ca.sparsity_cast(jacobian, ca.Sparsity.dense(jacobian.nnz(), 1))
-    moving = ca.vertcat(flat.symbols, flat.derivative_symbols, flat.time, flat.frictions.force)
+    moving = ca.vertcat(flat.symbols, flat.derivative_symbols, flat.time, flat.frictions.force, flat.hybrid.symbols)
     function = ca.Function("entries", [moving, flat.parameter_symbols], [elements])
     values = np.asarray(function(0, parameters_of_all(flat))).ravel()
     keys = [(i, 0) for i in range(len(flat.variables))] + list(flat.derivatives)

@@ -4,6 +4,7 @@ import contextlib
 import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Literal
 
 import casadi as ca
@@ -155,20 +156,66 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
         extra = {"max_num_steps": 1_000_000} if plugin in ("cvodes", "idas") else {}
         try:
             with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-                integrator = ca.integrator("run", plugin, problem, float(grid[0]), grid[1:].tolist(), options | extra)
-                result = integrator(x0=x_0, z0=begin.z, p=begin.p, u=stacked)
+                x, z = _piecewise(plugin, problem, (x_0, begin.z, begin.p), stacked, grid, options | extra)
             break
         except RuntimeError as error:
             reason = str(error)
     else:
         raise SolverError(_failure(system, plugins[0], reason, grid))
-    x = np.column_stack([x_0, np.asarray(result["xf"])])
-    z = np.column_stack([begin.z, np.asarray(result["zf"])]) if begin.z.size else np.zeros((0, grid.size))
     if not np.all(np.isfinite(x)):
         raise SolverError(_failure(system, plugins[0], "a state is not finite", grid))
     run = Run(x[: begin.x.size], z, None if made is None else x[begin.x.size :])
     _check_end(begin, run)
     return run
+
+
+def _piecewise(
+    plugin: str,
+    problem: dict[str, ca.SX],
+    start: tuple[np.ndarray, np.ndarray, np.ndarray],
+    stacked: np.ndarray,
+    grid: np.ndarray,
+    options: dict[str, Any],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return states and algebraic variables over the grid.
+
+    An integrator of several steps starts anew where an input jumps: what it has learned of the past misleads it there.
+
+    Parameters
+    ----------
+    plugin, problem, options
+        For `casadi.integrator`.
+    start
+        States, algebraic variables and parameters at the start.
+    stacked
+        Values at the left end, slopes and beginning of each interval: (2 n_u + 1, n_intervals).
+    grid
+        Times (n,) [s].
+    """
+    x, z, p = start
+    ends = [0, *(_jumps(stacked, grid) if plugin in ("cvodes", "idas") else ()), grid.size - 1]
+    columns_x, columns_z = [x[:, None]], [z[:, None]]
+    for first, last in pairwise(ends):
+        # a piece after a jump begins with an output of its own: the algebraic variables jump too
+        outputs = np.arange(first, last + 1) if first else np.arange(1, last + 1)
+        integrator = ca.integrator("run", plugin, problem, float(grid[first]), grid[outputs].tolist(), options)
+        result = integrator(x0=x, z0=z, p=p, u=stacked[:, np.maximum(outputs - 1, first)])
+        x_piece, z_piece = np.asarray(result["xf"]), np.asarray(result["zf"]).reshape(z.size, outputs.size)
+        if first:
+            columns_x[-1], columns_z[-1] = columns_x[-1][:, :-1], columns_z[-1][:, :-1]
+        columns_x.append(x_piece)
+        columns_z.append(z_piece)
+        x, z = x_piece[:, -1], z_piece[:, -1]
+    return np.hstack(columns_x), np.hstack(columns_z)
+
+
+def _jumps(stacked: np.ndarray, grid: np.ndarray) -> list[int]:
+    """Return the points of the grid, other than its ends, at which an input jumps by more than rounding."""
+    n_u = (len(stacked) - 1) // 2
+    left, slope = stacked[:n_u], stacked[n_u : 2 * n_u]
+    arrived = left[:, :-1] + slope[:, :-1] * np.diff(grid)[:-1]
+    size = 1e-9 * np.abs(left).max(axis=1, keepdims=True, initial=0.0)
+    return [int(k) + 1 for k in np.flatnonzero((np.abs(left[:, 1:] - arrived) > size).any(axis=0))]
 
 
 def _plugins(begin: Begin, method: Method) -> tuple[str, ...]:

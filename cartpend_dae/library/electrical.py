@@ -6,8 +6,6 @@ So u i is the power that an element takes up. Every circuit needs one point at p
 `Amplifier`, which has one inside.
 """
 
-import casadi as ca
-
 from cartpend_dae.language import (
     Component,
     Param,
@@ -22,6 +20,7 @@ from cartpend_dae.language import (
     var,
 )
 from cartpend_dae.library import rotational
+from cartpend_dae.switching import if_else
 
 
 class Pin(Port):
@@ -190,8 +189,9 @@ class IdealDiode(OnePort):
 
     def equations(self) -> Statements:
         yield from super().equations()
-        over = self.u - self.Vknee
-        yield self.i == self.Goff * (ca.fmin(over, 0) + self.Vknee) + ca.fmax(over, 0) / self.Ron
+        # the law times Ron: well conditioned on both lines, and linear while the diode is on one of them
+        slope = if_else(self.u < self.Vknee, self.Ron * self.Goff, 1)
+        yield self.Ron * (self.i - self.Goff * self.Vknee) == slope * (self.u - self.Vknee)
 
 
 class IdealSwitch(OnePort):
@@ -203,4 +203,4 @@ class IdealSwitch(OnePort):
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.i == self.u * ca.if_else(self.control > 0.5, 1 / self.Ron, self.Goff)
+        yield self.Ron * self.i == self.u * if_else(self.control > 0.5, 1, self.Ron * self.Goff)
