@@ -11,9 +11,11 @@ from cartpend_dae.library import (
     rotational,
     rotational_parts,
     rotational_sources,
+    sampled,
     signals,
     thermal,
     translational,
+    translational_friction,
     translational_parts,
     translational_sources,
 )
@@ -29,9 +31,11 @@ __all__ = [
     "rotational",
     "rotational_parts",
     "rotational_sources",
+    "sampled",
     "signals",
     "thermal",
     "translational",
+    "translational_friction",
     "translational_parts",
     "translational_sources",
 ]

@@ -6,6 +6,8 @@ So u i is the power that an element takes up. Every circuit needs one point at p
 `Amplifier`, which has one inside.
 """
 
+import casadi as ca
+
 from cartpend_dae.language import (
     Component,
     Param,
@@ -13,6 +15,7 @@ from cartpend_dae.language import (
     Statements,
     connect,
     der,
+    discrete,
     flow,
     param,
     port,
@@ -20,7 +23,7 @@ from cartpend_dae.language import (
     var,
 )
 from cartpend_dae.library import rotational
-from cartpend_dae.switching import if_else
+from cartpend_dae.switching import assign, if_else
 
 
 class Pin(Port):
@@ -191,6 +194,26 @@ class IdealDiode(OnePort):
         yield from super().equations()
         # the law times Ron: well conditioned on both lines, and linear while the diode is on one of them
         slope = if_else(self.u < self.Vknee, self.Ron * self.Goff, 1)
+        yield self.Ron * (self.i - self.Goff * self.Vknee) == slope * (self.u - self.Vknee)
+
+
+class IdealThyristor(OnePort):
+    """Thyristor, i = Goff u while it blocks, and i = (u - Vknee)/Ron + Goff Vknee while it conducts.
+
+    It begins to conduct where `fire` > 0.5 and u >= Vknee, and conducts until u < Vknee.
+    """
+
+    fire = signal("in", unit="1", doc="lets it conduct above 0.5")
+    off = discrete(unit="1", start=1.0, doc="1 while it blocks, 0 while it conducts")
+    Ron: Param = param(unit="Ohm", default=1e-5, min=0, doc="resistance while it conducts")
+    Goff: Param = param(unit="S", default=1e-5, min=0, doc="conductance while it blocks")
+    Vknee: Param = param(unit="V", default=0.0, min=0, doc="voltage of the knee")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        waits = ca.logic_and(self.off, if_else(self.fire > 0.5, 0, 1))
+        yield assign(self.off, if_else(self.u < self.Vknee, 1, waits))
+        slope = ca.if_else(self.off, self.Ron * self.Goff, 1)
         yield self.Ron * (self.i - self.Goff * self.Vknee) == slope * (self.u - self.Vknee)
 
 

@@ -13,7 +13,7 @@ from cartpend_dae.language import Component, Param, Statements, der, param, sign
 from cartpend_dae.switching import both, if_else
 
 
-def _check_table(name: str, table: tuple[tuple[float, float], ...], *, jumps: bool) -> None:
+def check_table(name: str, table: tuple[tuple[float, float], ...], *, jumps: bool) -> None:
     """Refuse an empty table, and one whose first column falls, or stands still where no jump is allowed."""
     steps = [second[0] - first[0] for first, second in pairwise(table)]
     if not table or min(steps, default=1.0) < 0 or (not jumps and min(steps, default=1.0) == 0):
@@ -24,6 +24,15 @@ def _check_table(name: str, table: tuple[tuple[float, float], ...], *, jumps: bo
 def rise(elapsed: ca.SX, duration: ca.SX) -> ca.SX:
     """Return what is 0 before `elapsed` [s] is 0, then rises to 1 within `duration` [s] and stays there."""
     return if_else(elapsed < duration, if_else(elapsed >= 0, elapsed / duration, 0), 1)
+
+
+def through_points(table: tuple[tuple[float, float], ...], x: ca.SX) -> ca.SX:
+    """Return the value at x of the lines that join the points; outside, the first or last line goes on."""
+    lines = [y_k + (y_l - y_k) / (x_l - x_k) * (x - x_k) for (x_k, y_k), (x_l, y_l) in pairwise(table)]
+    value = lines[0] if lines else ca.SX(float(table[0][1]))
+    for (x_k, _), line in zip(table[1:], lines[1:], strict=False):
+        value = ca.if_else(x >= x_k, line, value)
+    return value
 
 
 class Source(Component):
@@ -133,7 +142,7 @@ class TimeTable(Source):
     table: tuple[tuple[float, float], ...]
 
     def __post_init__(self) -> None:
-        _check_table(type(self).__name__, self.table, jumps=True)
+        check_table(type(self).__name__, self.table, jumps=True)
 
     def equations(self) -> Statements:
         value = ca.SX(float(self.table[0][1]))
@@ -180,14 +189,10 @@ class Table1D(Block):
     table: tuple[tuple[float, float], ...]
 
     def __post_init__(self) -> None:
-        _check_table(type(self).__name__, self.table, jumps=False)
+        check_table(type(self).__name__, self.table, jumps=False)
 
     def equations(self) -> Statements:
-        lines = [y_k + (y_l - y_k) / (u_l - u_k) * (self.u - u_k) for (u_k, y_k), (u_l, y_l) in pairwise(self.table)]
-        value = lines[0] if lines else ca.SX(float(self.table[0][1]))
-        for (u_k, _), line in zip(self.table[1:], lines[1:], strict=False):
-            value = ca.if_else(self.u >= u_k, line, value)
-        yield self.y == value
+        yield self.y == through_points(self.table, self.u)
 
 
 class Limiter(Block):
