@@ -31,7 +31,24 @@ def without_events(system: System, what: str) -> System:
         places = sorted({action.place for action in h.actions} | {system.variables[i].name for i in h.discretes})
         listing = ", ".join(f"`{place}`" for place in places)
         raise ModelError(f"{what} knows no discrete variables and no `when`, but {system.name} has them: {listing}.")
-    f = system.frictions
+    return _relations_in_place(system)
+
+
+def before_events(system: System) -> System:
+    """Return a system as it is before its first event: no clock ticks, and discrete variables have their start values.
+
+    Its relations are evaluated where they stand.
+    """
+    h = system.hybrid
+    if h.is_empty:
+        return system
+    values = [system.variables[i].declaration.start or 0.0 for i in h.discretes]
+    return _relations_in_place(system, ca.vertcat(system.d, h.pulses), ca.SX([*values, *[0.0] * h.pulses.numel()]))
+
+
+def _relations_in_place(system: System, known: ca.SX | None = None, values: ca.SX | None = None) -> System:
+    """Return a system whose relations are expressions, and in which known symbols have values."""
+    h, f = system.hybrid, system.frictions
     parts = [
         h.differences,
         system.ode,
@@ -41,12 +58,17 @@ def without_events(system: System, what: str) -> System:
         system.invariants,
         *f.laws,
     ]
+    if known is not None and known.numel():
+        parts = ca.substitute(parts, [known], [values])
     for _ in h.relation_places:  # a relation may stand in the next one
+        if not any(ca.depends_on(part, h.relations) for part in parts):
+            break
         parts = ca.substitute(parts, [h.relations], [parts[0] < 0])
     _, ode, alg, outputs, initials, invariants, *laws = parts
     none = ca.SX(0, 1)
     return replace(
         system,
+        d=none,
         ode=ode,
         alg=alg,
         outputs=outputs,

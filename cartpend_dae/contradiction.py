@@ -82,7 +82,7 @@ def culprits(
     )
     rows, columns = (np.array(part, dtype=int) for part in jacobian.sparsity().get_triplet())
     elements = ca.sparsity_cast(jacobian, ca.Sparsity.dense(jacobian.nnz(), 1))
-    moving = ca.vertcat(flat.symbols, flat.derivative_symbols, flat.time, flat.frictions.force)
+    moving = ca.vertcat(flat.symbols, flat.derivative_symbols, flat.time, flat.frictions.force, flat.hybrid.symbols)
     function = ca.Function("entries", [moving, flat.parameter_symbols], [elements])
     numbers = np.asarray(function(0, parameters_of_all(flat, values))).ravel()
     keys = [(i, 0) for i in range(len(flat.variables))] + list(flat.derivatives)

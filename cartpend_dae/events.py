@@ -322,11 +322,13 @@ def _modes(s: System, memory: Memory, force: ca.SX, speed: ca.SX, is_first: ca.S
     slopes = ca.jacobian(speed, s.x)
     modes: list[ca.SX] = []
     over: list[ca.SX] = []
+    before, speed = speed, ca.substitute(speed, s.x, x)  # a state may just have jumped
     for i in range(n):
         v, mode = speed[i], memory.modes[i]
         is_free = ca.logic_and(f.static_pos[i] <= FREE, f.static_neg[i] <= FREE)
         at_rest = ca.fabs(v) <= REST
         rests = ca.if_else(is_first, ca.logic_or(mode * v <= REST, mode == 2), ca.logic_or(mode * v < 0, mode == 2))
+        rests = ca.logic_or(rests, ca.logic_and(at_rest, ca.fabs(before[i]) > REST))
         slides = ca.logic_and(mode != 0, ca.logic_not(rests))
         new = ca.if_else(slides, mode, ca.if_else(at_rest, 0, ca.sign(v)))
         new = ca.if_else(mode == 0, ca.if_else(ca.fabs(v) > 1e3 * REST, ca.sign(v), 0), new)

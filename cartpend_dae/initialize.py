@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cartpend_dae.continuous import before_events
 from cartpend_dae.errors import SolverError
 from cartpend_dae.start_conditions import Conditions, Request, Steady, conditions_of
 from cartpend_dae.start_failure import failure_sentence
@@ -74,7 +75,7 @@ def initialize(
     """
     if unknown is None:
         unknown = {q.name: float(p[i]) for i, q in enumerate(system.parameters) if q.is_unknown}
-    return find_start(system, Request(p, u, start, time, unknown, steady)).start
+    return find_start(before_events(system), Request(p, u, start, time, unknown, steady)).start
 
 
 def unknown_parameters(system: System, known: Collection[str], more: Mapping[str, float]) -> dict[str, float]:

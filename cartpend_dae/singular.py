@@ -147,7 +147,7 @@ def _entries(aliased: AliasedSystem, equations: list[int], keys: list[Key], para
     jacobian = ca.jacobian(aliased.residual[equations], aliased.symbols[[position[key] for key in keys]])
     rows, columns = (np.array(part, dtype=int) for part in jacobian.sparsity().get_triplet())
     elements = ca.sparsity_cast(jacobian, ca.Sparsity.dense(jacobian.nnz(), 1))
-    moving = ca.vertcat(aliased.symbols, flat.time, flat.frictions.force)
+    moving = ca.vertcat(aliased.symbols, flat.time, flat.frictions.force, flat.hybrid.symbols)
     function = ca.Function("entries", [moving, flat.parameter_symbols], [elements])
     point = 0.1 + 0.8 * np.mod(np.arange(1, moving.numel() + 1) * 0.6180339887498949, 1)
     values, other = (np.asarray(function(point, p)).ravel() for p in (parameters, _shaken(parameters, _STEP)))
@@ -270,7 +270,7 @@ def _locked(aliased: AliasedSystem, equation: int, key: Key, parameters: np.ndar
     origin = _undifferentiated(aliased.origins[equation])
     position = {key: k for k, key in enumerate(aliased.keys)}
     used = {symbol.element_hash() for symbol in ca.symvar(aliased.residual[equation])}
-    moving = ca.vertsplit(ca.vertcat(aliased.symbols, flat.time, flat.frictions.force))
+    moving = ca.vertsplit(ca.vertcat(aliased.symbols, flat.time, flat.frictions.force, flat.hybrid.symbols))
     if {s.element_hash() for s in moving} & used != {aliased.symbols[position[key]].element_hash()}:
         return None
     factor = ca.jacobian(aliased.residual[equation], aliased.symbols[position[key]])

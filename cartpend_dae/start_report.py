@@ -8,6 +8,7 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from cartpend_dae.assemble import assemble
+from cartpend_dae.continuous import before_events
 from cartpend_dae.dae import parameter_vector
 from cartpend_dae.initialize import Found, find_start, unknown_parameters
 from cartpend_dae.language import Component
@@ -86,7 +87,7 @@ def describe_start(
     ModelError, SolverError
         As `simulate`, if a name is unknown or there is no start.
     """
-    system = assemble(model)
+    system = before_events(assemble(model))
     p = parameter_vector(system, dict(parameters or {}))
     defaults = [system.variables[system.index_of(name)].declaration.default or 0.0 for name in system.inputs]
     given = dict(zip(system.inputs, defaults, strict=True)) | dict(inputs or {})

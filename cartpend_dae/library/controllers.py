@@ -9,6 +9,7 @@ from cartpend_dae.language import Component, Param, Statements, connect, param, 
 from cartpend_dae.language import der as rate
 from cartpend_dae.library.signals import Block, Derivative, Gain, Integrator, Source
 from cartpend_dae.quantities import Expression
+from cartpend_dae.switching import both, if_else
 
 
 class PI(Block):
@@ -203,8 +204,7 @@ class KinematicPTP(Source):
     def equations(self) -> Statements:
         first, second, third = _profile(self.deltaq, self.qd_max, self.qdd_max)
         t = time() - self.start_time
-        up = ca.if_else(ca.logic_and(t >= 0, t < first), 1, 0)
-        down = ca.if_else(ca.logic_and(t >= second, t < third), 1, 0)
+        up, down = if_else(both(t >= 0, t < first), 1, 0), if_else(both(t >= second, t < third), 1, 0)
         yield self.y == ca.sign(self.deltaq) * self.qdd_max * (up - down)
 
 
@@ -226,11 +226,12 @@ class KinematicPTP2(Component):
     def equations(self) -> Statements:
         distance = self.q_end - self.q_begin
         first, second, third = _profile(distance, self.qd_max, self.qdd_max)
-        t = ca.fmin(ca.fmax(time() - self.start_time, 0), third)
+        elapsed = time() - self.start_time
+        t = ca.fmin(ca.fmax(elapsed, 0), third)
         up, cruise, down = ca.fmin(t, first), ca.fmin(ca.fmax(t - first, 0), second - first), ca.fmax(t - second, 0)
         way = up**2 / 2 + first * (cruise + down) - down**2 / 2
-        speeding, slowing = ca.logic_and(t > 0, t < first), ca.logic_and(t >= second, t < third)
+        speeding, slowing = both(elapsed >= 0, elapsed < first), both(elapsed >= second, elapsed < third)
         direction = ca.sign(distance) * self.qdd_max
         yield self.q == self.q_begin + direction * way
         yield self.qd == direction * (up - down)
-        yield self.qdd == direction * (ca.if_else(speeding, 1, 0) - ca.if_else(slowing, 1, 0))
+        yield self.qdd == direction * (if_else(speeding, 1, 0) - if_else(slowing, 1, 0))

@@ -15,6 +15,7 @@ from cartpend_dae.language import (
     Statements,
     connect,
     der,
+    discrete,
     flow,
     param,
     port,
@@ -22,6 +23,7 @@ from cartpend_dae.language import (
     var,
 )
 from cartpend_dae.library import rotational
+from cartpend_dae.switching import assign, if_else
 
 
 class Pin(Port):
@@ -190,8 +192,29 @@ class IdealDiode(OnePort):
 
     def equations(self) -> Statements:
         yield from super().equations()
-        over = self.u - self.Vknee
-        yield self.i == self.Goff * (ca.fmin(over, 0) + self.Vknee) + ca.fmax(over, 0) / self.Ron
+        # the law times Ron: well conditioned on both lines, and linear while the diode is on one of them
+        slope = if_else(self.u < self.Vknee, self.Ron * self.Goff, 1)
+        yield self.Ron * (self.i - self.Goff * self.Vknee) == slope * (self.u - self.Vknee)
+
+
+class IdealThyristor(OnePort):
+    """Thyristor, i = Goff u while it blocks, and i = (u - Vknee)/Ron + Goff Vknee while it conducts.
+
+    It begins to conduct where `fire` > 0.5 and u >= Vknee, and conducts until u < Vknee.
+    """
+
+    fire = signal("in", unit="1", doc="lets it conduct above 0.5")
+    off = discrete(unit="1", start=1.0, doc="1 while it blocks, 0 while it conducts")
+    Ron: Param = param(unit="Ohm", default=1e-5, min=0, doc="resistance while it conducts")
+    Goff: Param = param(unit="S", default=1e-5, min=0, doc="conductance while it blocks")
+    Vknee: Param = param(unit="V", default=0.0, min=0, doc="voltage of the knee")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        waits = ca.logic_and(self.off, if_else(self.fire > 0.5, 0, 1))
+        yield assign(self.off, if_else(self.u < self.Vknee, 1, waits))
+        slope = ca.if_else(self.off, self.Ron * self.Goff, 1)
+        yield self.Ron * (self.i - self.Goff * self.Vknee) == slope * (self.u - self.Vknee)
 
 
 class IdealSwitch(OnePort):
@@ -203,4 +226,4 @@ class IdealSwitch(OnePort):
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.i == self.u * ca.if_else(self.control > 0.5, 1 / self.Ron, self.Goff)
+        yield self.Ron * self.i == self.u * if_else(self.control > 0.5, 1, self.Ron * self.Goff)

@@ -6,6 +6,8 @@ import casadi as ca
 
 from cartpend_dae.language import Component, Param, Statements, param, port, signal, time, var
 from cartpend_dae.library.electrical import Branch, OnePort, Pin
+from cartpend_dae.library.signals import rise
+from cartpend_dae.switching import if_else
 
 
 class StepVoltage(OnePort):
@@ -17,7 +19,7 @@ class StepVoltage(OnePort):
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.u == self.offset + ca.if_else(time() >= self.start_time, self.V, 0)
+        yield self.u == self.offset + if_else(time() >= self.start_time, self.V, 0)
 
 
 class RampVoltage(OnePort):
@@ -30,8 +32,7 @@ class RampVoltage(OnePort):
 
     def equations(self) -> Statements:
         yield from super().equations()
-        x = (time() - self.start_time) / self.duration
-        yield self.u == self.offset + self.V * ca.fmin(ca.fmax(x, 0), 1)
+        yield self.u == self.offset + self.V * rise(time() - self.start_time, self.duration)
 
 
 class SineVoltage(OnePort):
@@ -46,7 +47,7 @@ class SineVoltage(OnePort):
     def equations(self) -> Statements:
         yield from super().equations()
         wave = self.V * ca.sin(2 * pi * self.f * (time() - self.start_time) + self.phase)
-        yield self.u == self.offset + ca.if_else(time() >= self.start_time, wave, 0)
+        yield self.u == self.offset + if_else(time() >= self.start_time, wave, 0)
 
 
 class ConstantCurrent(Component):

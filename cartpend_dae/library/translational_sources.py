@@ -13,6 +13,7 @@ from cartpend_dae.language import Component, Param, Statements, der, initial, pa
 from cartpend_dae.library.rotational_sources import BESSEL_A, BESSEL_B
 from cartpend_dae.library.thermal import HeatPort
 from cartpend_dae.library.translational import Flange
+from cartpend_dae.switching import if_else
 
 
 class Driven(Component):
@@ -64,7 +65,7 @@ class ForceStep(Driven):
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.f == self.offset_force + ca.if_else(time() >= self.start_time, self.step_force, 0)
+        yield self.f == self.offset_force + if_else(time() >= self.start_time, self.step_force, 0)
         yield self.flange.f == -self.f
 
 
