@@ -1,18 +1,24 @@
-"""Relations that time alone decides, such as a step at 0.5 s: known before the run, and hit exactly."""
+"""Relations that time alone decides, such as a step at 0.5 s or a pulse in each second: hit exactly, known before."""
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
+from cartpend_dae.errors import ModelError
 from cartpend_dae.inputs import DrivenInputs
 from cartpend_dae.system import System
+
+MOST_TIMES = 100_000
 
 
 def with_time_events(
     system: System, p: np.ndarray, grid: np.ndarray, driven: DrivenInputs
 ) -> tuple[System, np.ndarray, DrivenInputs]:
-    """Make inputs of the relations that are linear in time and depend on nothing else that changes.
+    """Make inputs of the relations that depend on nothing that changes but time, and on time by straight pieces.
+
+    Pieces are those of ``floor(x)`` with x linear in time: between two whole numbers x, the relation is linear.
 
     Parameters
     ----------
@@ -27,36 +33,106 @@ def with_time_events(
     -------
     tuple
         The system with these relations as further inputs, the grid with their times, and all inputs over it.
+
+    Raises
+    ------
+    ModelError
+        For more than 100000 times.
     """
-    h = system.hybrid
     timed = _decided_by_time(system)
     if not timed:
         return system, grid, driven
-    chosen = h.differences[timed, 0]
-    function = ca.Function("times", [system.time, system.p], [chosen, ca.jacobian(chosen, system.time)])
-    value, slope = (np.asarray(part).ravel() for part in function(grid[0], p))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        times = np.where(slope != 0, grid[0] - value / slope, np.inf)
-    inside = times[(times > grid[0]) & (times < grid[-1]) & np.isfinite(times)]
+    jumps = [_jumps(system, relation, p, grid) for relation in timed.values()]
+    times = np.concatenate([_crossings(system, k, p, found) for k, found in zip(timed, jumps, strict=True)])
+    inside = times[(times > grid[0]) & (times < grid[-1])]
     close = 1e-12 * max(1.0, float(np.abs(grid).max()))
-    new = [t for t in np.unique(inside) if np.abs(grid - t).min() > close]
+    new = np.unique(inside)
+    new = new[np.diff(new, prepend=-np.inf) > close]
+    new = new[np.abs(grid[_nearest(grid, new)] - new) > close]
     fine = np.union1d(grid, new)
     middle = 0.5 * (fine[:-1] + fine[1:])
-    rows = (value[:, None] + slope[:, None] * (middle - grid[0])[None, :] < 0).astype(float)
-    return _system(system, timed), fine, _refined(driven, grid, fine, rows)
+    decide = ca.Function("decide", [system.time, system.p], [system.hybrid.differences[list(timed), 0] < 0])
+    rows = np.asarray(decide.map(middle.size)(middle[None, :], np.tile(p[:, None], middle.size)), dtype=float)
+    return _system(system, list(timed)), fine, _refined(driven, grid, fine, rows)
 
 
-def _decided_by_time(system: System) -> list[int]:
+@dataclass(frozen=True, slots=True)
+class _Pieces:
+    """A relation by straight pieces of time: the arguments of its floors."""
+
+    floors: tuple[ca.SX, ...]
+
+
+def _decided_by_time(system: System) -> dict[int, _Pieces]:
+    """Return the relations of time alone that are straight by pieces, by their number."""
     h = system.hybrid
     if not h.relation_places:
-        return []
+        return {}
     moving = ca.vertcat(system.x, system.z, system.u, system.d, h.symbols, system.frictions.force)
     moves = ca.which_depends(h.differences, moving, 1, True) if moving.numel() else [False] * len(h.relation_places)
-    bent = ca.which_depends(h.differences, system.time, 2, True)
-    return [k for k in range(len(h.relation_places)) if not moves[k] and not bent[k]]
+    found = {}
+    for k, is_moving in enumerate(moves):
+        if is_moving:
+            continue
+        floors: list[ca.SX] = []
+        straight = [_without_floors(h.differences[k], floors), *floors]
+        if not any(ca.which_depends(ca.vertcat(*straight), system.time, 2, True)):
+            found[k] = _Pieces(tuple(floors))
+    return found
 
 
-def _system(system: System, timed: list[int]) -> System:
+def _without_floors(expression: ca.SX, floors: list[ca.SX]) -> ca.SX:
+    """Return an expression with a symbol for each floor; the arguments of the floors are added to `floors`."""
+    if expression.is_leaf():
+        return expression
+    parts = [_without_floors(expression.dep(i), floors) for i in range(expression.n_dep())]
+    if expression.op() == ca.OP_FLOOR:
+        floors.append(parts[0])
+        return ca.SX.sym("floor")
+    return ca.SX.unary(expression.op(), *parts) if len(parts) == 1 else ca.SX.binary(expression.op(), *parts)
+
+
+def _jumps(system: System, relation: _Pieces, p: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    """Return the times from the first to the last of the grid between which a relation is linear in time [s]."""
+    times = [np.array([grid[0], grid[-1]])]
+    for argument in relation.floors:
+        value, slope = (float(part[0]) for part in _line(system, argument, grid[:1], p))
+        last = value + slope * (grid[-1] - grid[0])
+        if abs(last - value) > MOST_TIMES:
+            raise ModelError(
+                f"{system.name}: a source repeats itself {abs(last - value):.3g} times from {grid[0]:g} s to "
+                f"{grid[-1]:g} s, and {MOST_TIMES} at most are told apart: check its period."
+            )
+        if slope:
+            whole = np.arange(np.ceil(min(value, last)), np.floor(max(value, last)) + 1)
+            times.append(grid[0] + (whole - value) / slope)
+    return np.unique(np.concatenate(times))
+
+
+def _crossings(system: System, k: int, p: np.ndarray, jumps: np.ndarray) -> np.ndarray:
+    """Return the times at which relation k may change: where it jumps, and where it passes zero in between [s]."""
+    middle = 0.5 * (jumps[:-1] + jumps[1:])
+    value, slope = _line(system, system.hybrid.differences[k], middle, p)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        times = np.where(slope != 0, middle - value / slope, np.inf)
+    inside = times[(times > jumps[:-1]) & (times < jumps[1:]) & np.isfinite(times)]
+    return np.concatenate([jumps[1:-1], inside])
+
+
+def _line(system: System, expression: ca.SX, times: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return values and slopes of an expression of time at some times, shapes (n,)."""
+    outputs = [expression, ca.jacobian(expression, system.time)]
+    function = ca.Function("line", [system.time, system.p], outputs).map(times.size)
+    value, slope = function(times[None, :], np.tile(p[:, None], times.size))
+    return np.asarray(value).ravel(), np.asarray(slope).ravel()
+
+
+def _nearest(grid: np.ndarray, times: np.ndarray) -> np.ndarray:
+    right = np.clip(np.searchsorted(grid, times), 1, grid.size - 1)
+    return right - (times - grid[right - 1] < grid[right] - times)
+
+
+def _system(system: System, timed: Sequence[int]) -> System:
     h = system.hybrid
     rest = [k for k in range(len(h.relation_places)) if k not in timed]
     places = tuple(h.relation_places[k] for k in rest)

@@ -12,6 +12,7 @@ import casadi as ca
 from cartpend_dae.language import Component, Param, Statements, der, initial, param, port, signal, time, var
 from cartpend_dae.library.rotational import Driven, Flange
 from cartpend_dae.library.thermal import HeatPort
+from cartpend_dae.switching import if_else
 
 # Bessel low pass of second order with -3 dB at the critical frequency: damping and frequency coefficients.
 BESSEL_A, BESSEL_B = 1.3617, 0.6180
@@ -49,7 +50,7 @@ class TorqueStep(Driven):
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.tau == self.offset_torque + ca.if_else(time() >= self.start_time, self.step_torque, 0)
+        yield self.tau == self.offset_torque + if_else(time() >= self.start_time, self.step_torque, 0)
         yield self.flange.tau == -self.tau
 
 

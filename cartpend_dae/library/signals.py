@@ -1,6 +1,7 @@
 """Directed signals: sources with an output y, and blocks from an input u to an output y.
 
-Their unit is "1": a signal carries the number in SI units of whatever it is connected to.
+Their unit is "1": a signal carries the number in SI units of whatever it is connected to. Where a source jumps or bends
+is an event in time, which the simulation hits exactly.
 """
 
 from itertools import pairwise
@@ -9,6 +10,7 @@ from math import pi
 import casadi as ca
 
 from cartpend_dae.language import Component, Param, Statements, der, param, signal, time, var
+from cartpend_dae.switching import both, if_else
 
 
 def _check_table(name: str, table: tuple[tuple[float, float], ...], *, jumps: bool) -> None:
@@ -17,6 +19,11 @@ def _check_table(name: str, table: tuple[tuple[float, float], ...], *, jumps: bo
     if not table or min(steps, default=1.0) < 0 or (not jumps and min(steps, default=1.0) == 0):
         order = "not fall" if jumps else "rise"
         raise ValueError(f"{name}: `table` needs rows of two numbers whose first column must {order}, not {table!r}.")
+
+
+def rise(elapsed: ca.SX, duration: ca.SX) -> ca.SX:
+    """Return what is 0 before `elapsed` [s] is 0, then rises to 1 within `duration` [s] and stays there."""
+    return if_else(elapsed < duration, if_else(elapsed >= 0, elapsed / duration, 0), 1)
 
 
 class Source(Component):
@@ -57,7 +64,7 @@ class Step(Source):
     start_time: Param = param(unit="s", default=0.0, doc="time of the step")
 
     def equations(self) -> Statements:
-        yield self.y == self.offset + ca.if_else(time() >= self.start_time, self.height, 0)
+        yield self.y == self.offset + if_else(time() >= self.start_time, self.height, 0)
 
 
 class Ramp(Source):
@@ -69,8 +76,7 @@ class Ramp(Source):
     start_time: Param = param(unit="s", default=0.0, doc="time at which the ramp starts")
 
     def equations(self) -> Statements:
-        x = (time() - self.start_time) / self.duration
-        yield self.y == self.offset + self.height * ca.fmin(ca.fmax(x, 0), 1)
+        yield self.y == self.offset + self.height * rise(time() - self.start_time, self.duration)
 
 
 class Sine(Source):
@@ -84,7 +90,7 @@ class Sine(Source):
 
     def equations(self) -> Statements:
         wave = self.amplitude * ca.sin(2 * pi * self.f * (time() - self.start_time) + self.phase)
-        yield self.y == self.offset + ca.if_else(time() >= self.start_time, wave, 0)
+        yield self.y == self.offset + if_else(time() >= self.start_time, wave, 0)
 
 
 class ExpSine(Source):
@@ -100,7 +106,7 @@ class ExpSine(Source):
     def equations(self) -> Statements:
         x = time() - self.start_time
         wave = self.amplitude * ca.exp(-self.d * x) * ca.sin(2 * pi * self.f * x + self.phase)
-        yield self.y == self.offset + ca.if_else(x >= 0, wave, 0)
+        yield self.y == self.offset + if_else(x >= 0, wave, 0)
 
 
 class Pulse(Source):
@@ -114,8 +120,8 @@ class Pulse(Source):
 
     def equations(self) -> Statements:
         cycles = (time() - self.start_time) / self.period
-        high = ca.logic_and(cycles >= 0, cycles - ca.floor(cycles) < self.width / 100)
-        yield self.y == self.offset + ca.if_else(high, self.amplitude, 0)
+        high = both(cycles >= 0, cycles - ca.floor(cycles) < self.width / 100)
+        yield self.y == self.offset + if_else(high, self.amplitude, 0)
 
 
 class TimeTable(Source):
@@ -132,9 +138,10 @@ class TimeTable(Source):
     def equations(self) -> Statements:
         value = ca.SX(float(self.table[0][1]))
         for (t_k, y_k), (t_l, y_l) in pairwise(self.table):
-            line = y_l if t_l == t_k else y_k + (y_l - y_k) * (time() - t_k) / (t_l - t_k)
-            value = ca.if_else(time() >= t_k, ca.if_else(time() < t_l, line, y_l), value)
-        yield self.y == value
+            if t_l > t_k:
+                value = if_else(time() >= t_k, y_k + (y_l - y_k) * (time() - t_k) / (t_l - t_k), value)
+        t_last, y_last = self.table[-1]
+        yield self.y == if_else(time() >= t_last, y_last, value)
 
 
 class Gain(Block):
