@@ -19,6 +19,8 @@ from cartpend_dae.system import System
 
 Method = Literal["adaptive", "cvodes", "idas", "erk", "rosenbrock", "rk4"]
 MOST_EVENTS = 1_000_000
+# so long after a jump of an input everything is decided anew, relative to one second and to the time
+AFTER = 1e-11
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +151,7 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
         span = float(grid[-1] - grid[0])
         # after an event an indicator counts only above `event_tol`: with its default of 1e-6 close events are lost
         options |= {"max_step_size": span / 500, "max_events": MOST_EVENTS, "transition": transition, "event_tol": 0.0}
-    stacked = np.vstack([driven.left, driven.slope, grid[:-1]])
+    stacked = np.vstack([driven.left, driven.slope, grid[:-1], _jumps(driven, grid)])
     reason, plugins = "", _plugins(begin, choice.method)
     for plugin in plugins:
         extra = {"max_num_steps": 1_000_000} if plugin in ("cvodes", "idas") else {}
@@ -189,11 +191,11 @@ def _problem(system: System, made: Machine | None, driven: DrivenInputs) -> tupl
     """Return the problem for `casadi.integrator`, with inputs linear in time over each interval."""
     s = system
     n_u = len(s.inputs)
-    left, slope, begin = ca.SX.sym("left", n_u), ca.SX.sym("slope", n_u), ca.SX.sym("begin")
+    left, slope, begin, jump = ca.SX.sym("left", n_u), ca.SX.sym("slope", n_u), ca.SX.sym("begin"), ca.SX.sym("jump")
     values = left + slope * (s.time - begin)
     for row, expression in driven.expressions.items():
         values[row] = ca.SX(expression(s.time))
-    u = ca.vertcat(left, slope, begin)
+    u = ca.vertcat(left, slope, begin, jump)
     if made is None:
         ode, alg = _replaced([s.ode, s.alg], [(s.u, values)])
         return {"x": s.x, "z": s.z, "p": s.p, "u": u, "t": s.time, "ode": ode, "alg": alg}, None
@@ -205,11 +207,21 @@ def _problem(system: System, made: Machine | None, driven: DrivenInputs) -> tupl
     for pair in old:
         ode, alg = _replaced([ode, alg], [pair])
     (indicators,) = _replaced([made.indicators], [(s.u, values)])
+    # an indicator that jumps with an input does not fall through zero: all is decided anew just after
+    after_jump = ca.if_else(ca.logic_and(jump, whole.note[0] == 0), begin + AFTER * (1 + ca.fabs(begin)) - s.time, 1)
+    indicators = ca.vertcat(indicators, after_jump)
     x = ca.vertcat(s.x, memory.vector)
     runs = whole.note[0] == 0
     ode = ca.vertcat(ca.if_else(runs, ode, 0), ca.SX.zeros(memory.vector.numel()))
     problem = {"x": x, "z": s.z, "p": s.p, "u": u, "t": s.time, "ode": ode, "alg": alg, "zero": indicators}
     return problem, _transition(s, made, u, values)
+
+
+def _jumps(driven: DrivenInputs, grid: np.ndarray) -> np.ndarray:
+    """Return 1 for each interval at whose beginning an input jumps, else 0."""
+    before = driven.left[:, :-1] + driven.slope[:, :-1] * np.diff(grid)[:-1]
+    scale = 1e-9 * np.abs(driven.left).max(axis=1, initial=0.0, keepdims=True)
+    return np.append(0.0, np.any(np.abs(driven.left[:, 1:] - before) > scale, axis=0))
 
 
 def _transition(s: System, made: Machine, u: ca.SX, values: ca.SX) -> ca.Function:

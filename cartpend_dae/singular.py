@@ -138,7 +138,7 @@ def _entries(aliased: AliasedSystem, equations: list[int], keys: list[Key], para
     jacobian = ca.jacobian(aliased.residual[equations], aliased.symbols[[position[key] for key in keys]])
     rows, columns = (np.array(part, dtype=int) for part in jacobian.sparsity().get_triplet())
     elements = ca.sparsity_cast(jacobian, ca.Sparsity.dense(jacobian.nnz(), 1))
-    moving = ca.vertcat(aliased.symbols, flat.time, flat.frictions.force)
+    moving = ca.vertcat(aliased.symbols, flat.time, flat.frictions.force, flat.hybrid.symbols)
     function = ca.Function("entries", [moving, flat.parameter_symbols], [elements])
     point = 0.1 + 0.8 * np.mod(np.arange(1, moving.numel() + 1) * 0.6180339887498949, 1)
     values, other = (np.asarray(function(point, p)).ravel() for p in (parameters, _shaken(parameters, _STEP)))
