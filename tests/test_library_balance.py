@@ -21,7 +21,8 @@ from cartpend_dae.language import (
     variables_of,
 )
 from cartpend_dae.library import electrical, rotational
-from cartpend_dae.quantities import Flow, Port, Signal
+from cartpend_dae.quantities import Discrete, Flow, Port
+from cartpend_dae.switching import Assign, When
 from cartpend_dae.units import parse, same_dimension
 
 MODULES = [import_module(f"{library.__name__}.{found.name}") for found in pkgutil.iter_modules(library.__path__)]
@@ -45,13 +46,21 @@ def label(cls):
 COMPONENTS = classes_of(Component)
 
 
-STRUCTURE = {"a": (2.0, 1.0), "b": (3.0,), "table": ((0.0, 1.0), (2.0, 5.0))}
+ROWS = ((0.0, 1.0), (2.0, 5.0))
+STRUCTURE = {
+    "a": (2.0, 1.0),
+    "b": (3.0,),
+    "table": ROWS,
+    "tau_pos": ROWS,
+    "mu_pos": ROWS,
+    "loss_table": ((0.0, 0.9, 0.8, 0.1, 0.2), (1.0, 0.8, 0.7, 0.2, 0.4)),
+}
 """Values of the fields that are no parameters and have no default."""
 
 
-def make(cls, value=0.5):
+def make(cls, value=0.5, **switches):
     structure = {name: STRUCTURE[name] for name in constructor_fields(cls) if name in STRUCTURE}
-    return cls(**(structure | dict.fromkeys(parameters_of(cls), value)))
+    return cls(**(structure | dict.fromkeys(parameters_of(cls), value) | switches))
 
 
 def statements_of(component):
@@ -65,9 +74,10 @@ def test_the_search_finds_the_library():
 
 
 def check_balance(cls, component):
-    unknowns = [q for q in variables_of(cls).values() if not (isinstance(q, Signal) and q.direction == "in")]
+    given = [q for q in variables_of(cls).values() if isinstance(q, Discrete) or getattr(q, "direction", "") == "in"]
+    unknowns = [q for q in variables_of(cls).values() if q not in given]
     flows = [q for p in ports_of(cls).values() for q in p.kind.quantities.values() if isinstance(q, Flow)]
-    statements = [s for s in statements_of(component) if not isinstance(s, Initial)]
+    statements = [s for s in statements_of(component) if not isinstance(s, Initial | When | Assign)]
     assert all(isinstance(s, ca.SX) and s.op() == ca.OP_EQ for s in statements)
     assert len(statements) == len(unknowns) + len(flows)
 
@@ -89,8 +99,7 @@ SWITCHES = [
 @pytest.mark.parametrize(("cls", "switch"), SWITCHES, ids=lambda x: x if isinstance(x, str) else label(x))
 def test_a_structural_switch_keeps_the_balance(cls, switch):
     other = not getattr(cls, switch)
-    parameters = dict.fromkeys(parameters_of(cls), 0.5)
-    check_balance(cls, cls(**parameters, **{switch: other}))
+    check_balance(cls, make(cls, **{switch: other}))
 
 
 @pytest.mark.parametrize("value", [0.5, 0.0])
