@@ -151,7 +151,7 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
         span = float(grid[-1] - grid[0])
         # after an event an indicator counts only above `event_tol`: with its default of 1e-6 close events are lost
         options |= {"max_step_size": span / 500, "max_events": MOST_EVENTS, "transition": transition, "event_tol": 0.0}
-    stacked = np.vstack([driven.left, driven.slope, grid[:-1], _jumps(driven, grid)])
+    stacked = np.vstack([driven.left, driven.slope, grid[:-1], _begins_with_jump(driven, grid)])
     reason, plugins = "", _plugins(begin, choice.method)
     for plugin in plugins:
         extra = {"max_num_steps": 1_000_000} if plugin in ("cvodes", "idas") else {}
@@ -217,7 +217,7 @@ def _problem(system: System, made: Machine | None, driven: DrivenInputs) -> tupl
     return problem, _transition(s, made, u, values)
 
 
-def _jumps(driven: DrivenInputs, grid: np.ndarray) -> np.ndarray:
+def _begins_with_jump(driven: DrivenInputs, grid: np.ndarray) -> np.ndarray:
     """Return 1 for each interval at whose beginning an input jumps, else 0."""
     before = driven.left[:, :-1] + driven.slope[:, :-1] * np.diff(grid)[:-1]
     scale = 1e-9 * np.abs(driven.left).max(axis=1, initial=0.0, keepdims=True)

@@ -48,6 +48,8 @@ TYPES = {
     "machine.DC_PermanentMagnet": "machines.DCPermanentMagnet",
     "multibody.Spring": "planar.Spring",
     "rotational.BearingFriction": "rotational.TableBearing",
+    "drive.P_PI_Cascade": "servos.PositionCascade",
+    "drive.MotorWithAnalogCurrentControl": "servos.CurrentControlledMotor",
 }
 """Types that do not follow the rules of `our_type`."""
 
@@ -175,6 +177,11 @@ class Example:
         return getattr(self.module, "PARTIAL", False)
 
     @property
+    def folders(self) -> tuple[str, ...]:
+        """Composites of the reference whose parts are parts of the whole model here."""
+        return getattr(self.module, "FOLDERS", ())
+
+    @property
     def renamed(self) -> dict[str, str]:
         return getattr(self.module, "RENAMED", {})
 
@@ -187,7 +194,15 @@ def load(path: Path, folder: Path) -> Example:
         if isinstance(value, type) and issubclass(value, Component) and value.__module__ == module.__name__
     )
     spec = tomllib.loads((folder / "specs" / f"{module.SPEC}.toml").read_text(encoding="utf-8"))
+    folders = getattr(module, "FOLDERS", ())
+    spec["components"] = {without(folders, name): facts for name, facts in spec["components"].items()}
+    spec["wiring"]["connections"] = [[without(folders, end) for end in ends] for ends in spec["wiring"]["connections"]]
     return Example(module, cls(), spec, folder)
+
+
+def without(folders: tuple[str, ...], name: str) -> str:
+    """Return the name of a part without the composite that the reference has it in, and ours does not."""
+    return next((name.removeprefix(folder) for folder in folders if name.startswith(folder)), name)
 
 
 def load_module(path: Path) -> ModuleType:
@@ -262,7 +277,8 @@ def run(example: Example) -> Outcome:
         if listed["name"] in ignored:
             continue
         values = data[:, head.index(listed["name"])]
-        ours = our_signal(listed["name"], example.components, example.renamed)
+        name = listed["name"] if listed["name"] in example.renamed else without(example.folders, listed["name"])
+        ours = our_signal(name, example.components, example.renamed)
         scale = np.ptp(values) or np.max(np.abs(values))
         height, width = max(tube * scale, 1e-10), tube * (reference[-1] - reference[0])
         found = np.zeros_like(result.time) if listed["name"].endswith(INSTANTS) else result[ours]

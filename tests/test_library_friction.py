@@ -6,6 +6,7 @@ from library_bench import CLOSE, joined, run
 
 from cartpend_dae.library import rotational as r
 from cartpend_dae.library import rotational_friction as f
+from cartpend_dae.library import rotational_parts as parts
 from cartpend_dae.library import rotational_sources as sources
 from cartpend_dae.library import signals
 
@@ -90,12 +91,12 @@ def test_held_samples_press_a_brake_at_their_times():
     assert result["body.w"] == pytest.approx(9.0 - 6.0 * np.clip(result.time - 0.305, 0, 0.6), abs=CLOSE)
 
 
-def coupled(clutch, J_1, J_2, **parts):
+def coupled(clutch, J_1, J_2, **others):
     one, two = r.Inertia(J=J_1), r.Inertia(J=J_2)
     joints = [(one.flange_b, clutch.flange_a), (clutch.flange_b, two.flange_a)]
-    if press := parts.get("press"):
+    if press := others.get("press"):
         joints.append((press.y, clutch.f_normalized))
-    return joined(*joints, one=one, two=two, clutch=clutch, **parts)
+    return joined(*joints, one=one, two=two, clutch=clutch, **others)
 
 
 def test_a_clutch_brings_two_inertias_to_their_common_speed_at_the_exact_time():
@@ -179,3 +180,41 @@ def test_a_gear_with_little_efficiency_holds_its_load_and_one_without_losses_is_
 def test_a_table_must_begin_at_rest_and_rise(rows):
     with pytest.raises(ValueError, match=r"TableBearing: `tau_pos` needs rows of 2 numbers .* begins at 0 and rises"):
         f.TableBearing(tau_pos=rows)
+
+
+def test_a_gearbox_is_a_lossy_gear_and_play_in_series():
+    values = {"c": 900.0, "d": 2.0, "b": 0.02}
+    box = f.Gearbox(loss_table=EFFICIENCIES, ratio=4.0, **values)
+    gear, play, end = f.LossyGear(loss_table=EFFICIENCIES, ratio=4.0), parts.ElastoBacklash(**values), r.Inertia(J=3.0)
+    start = {"one.phi": 0.0, "one.w": 0.0, "two.phi": 0.0, "two.w": 0.0}
+    whole = run(geared(box, tau_1=2.0), 0.5, start=start)
+    motor, one = sources.ConstantTorque(tau_constant=2.0), r.Inertia(J=0.2)
+    chain = joined(
+        (motor.flange, one.flange_a),
+        (one.flange_b, gear.flange_a),
+        (gear.flange_b, play.flange_a),
+        (play.flange_b, end.flange_a),
+        motor=motor,
+        one=one,
+        gear=gear,
+        play=play,
+        two=end,
+    )
+    apart = run(chain, 0.5, start=start)
+    assert whole["two.phi"] == pytest.approx(apart["two.phi"], abs=CLOSE)
+    assert np.ptp(whole["gear.phi_rel"]) > 0.01  # the play was passed
+
+
+def test_the_torque_of_hard_play_jumps_at_the_contact_and_ends_where_it_would_pull():
+    J, c, d, b, w_0 = 0.5, 800.0, 6.0, 0.2, -3.0
+    play, ground, body = parts.ElastoBacklash2(c=c, d=d, b=b), r.Fixed(), r.Inertia(J=J)
+    model = joined((ground.flange, play.flange_a), (play.flange_b, body.flange_a), ground=ground, play=play, body=body)
+    result = run(model, 0.2, start={"body.phi": 0.0, "body.w": w_0})
+    delta, hit = d / (2 * J), b / 2 / abs(w_0)
+    w_d = np.sqrt(c / J - delta**2)
+    # c x + d x' = 0 ends the contact
+    ends = (np.pi + np.arctan(-d * w_d / (c - d * delta))) / w_d
+    inside = np.clip(result.time - hit, 0, ends)
+    speed = w_0 * np.exp(-delta * inside) * (np.cos(w_d * inside) - delta / w_d * np.sin(w_d * inside))
+    assert hit + ends < 0.15
+    assert result["body.w"] == pytest.approx(speed, abs=CLOSE)
