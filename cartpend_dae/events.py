@@ -201,9 +201,10 @@ def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> tuple[
     places: list[str] = []
     for i in range(f.force.numel()):
         mode = memory.modes[i]
-        # the small offset lets an event fire whose indicator is exactly zero at an output time
-        up = (1 + MARGIN) * f.static_pos[i] - force[i]
-        down = (1 + MARGIN) * f.static_neg[i] + force[i]
+        # the small offsets let an event fire whose indicator is exactly zero at an output time, and leave no doubt
+        # at the event that the limit is passed, even where it is zero
+        up = (1 + MARGIN) * f.static_pos[i] + FREE / 2 - force[i]
+        down = (1 + MARGIN) * f.static_neg[i] + FREE / 2 + force[i]
         found.append(ca.if_else(mode == 0, up, ca.if_else(mode == 2, 1, mode * speed[i])))
         found.append(ca.if_else(mode == 0, down, 1))
         if not f.static_pos[i].is_constant() and ca.depends_on(f.static_pos[i], ca.vertcat(_moving(s), h.symbols)):
@@ -342,7 +343,9 @@ def _modes(s: System, memory: Memory, force: ca.SX, speed: ca.SX, is_first: ca.S
         )
         over.append(ca.if_else(ca.logic_and(mode == 0, modes[-1] == 0), load, -1))
     column, loads = ca.vertcat(*modes), ca.vertcat(*over)
-    released = ca.logic_and(loads >= ca.mmax(loads), loads > -MARGIN)
+    # what has just come to rest takes its share first: two on one motion slide only once both are at their limits
+    comes_to_rest = ca.sum1(ca.logic_and(memory.modes != 0, column == 0)) > 0
+    released = ca.logic_and(ca.logic_and(loads >= ca.mmax(loads), loads > -MARGIN), ca.logic_not(comes_to_rest))
     return x, ca.if_else(released, ca.if_else(force > 0, 1, -1), column)
 
 

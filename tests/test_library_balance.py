@@ -21,7 +21,7 @@ from cartpend_dae.language import (
     variables_of,
 )
 from cartpend_dae.library import electrical, rotational
-from cartpend_dae.quantities import Discrete, Flow, Port, Signal
+from cartpend_dae.quantities import Discrete, Flow, Port
 from cartpend_dae.switching import Assign, When
 from cartpend_dae.units import parse, same_dimension
 
@@ -46,11 +46,16 @@ def label(cls):
 COMPONENTS = classes_of(Component)
 
 
+ROWS = ((0.0, 1.0), (2.0, 5.0))
 STRUCTURE = {
     "a": (2.0, 1.0),
     "b": (3.0,),
     "gains": {"phi": 2.0, "w": 3.0},
-    "table": ((0.0, 1.0), (2.0, 5.0)),
+    "table": ROWS,
+    "f_pos": ((0.0, 2.0), (1.0, 1.0)),
+    "tau_pos": ROWS,
+    "mu_pos": ROWS,
+    "loss_table": ((0.0, 0.9, 0.8, 0.1, 0.2), (1.0, 0.8, 0.7, 0.2, 0.4)),
     "A": [[0.0, 1.0], [-2.0, -3.0]],
     "B": [[0.0], [1.0]],
     "C": [[1.0, 0.0]],
@@ -60,9 +65,9 @@ STRUCTURE = {
 """Values of the fields that are no parameters and have no default."""
 
 
-def make(cls, value=0.5):
+def make(cls, value=0.5, **switches):
     structure = {name: STRUCTURE[name] for name in constructor_fields(cls) if name in STRUCTURE}
-    return cls(**(structure | dict.fromkeys(parameters_of(cls), value)))
+    return cls(**(structure | dict.fromkeys(parameters_of(cls), value) | switches))
 
 
 def statements_of(component):
@@ -76,8 +81,8 @@ def test_the_search_finds_the_library():
 
 
 def check_balance(cls, component):
-    found = [q for q in variables_of(cls).values() if not isinstance(q, Discrete)]
-    unknowns = [q for q in found if not (isinstance(q, Signal) and q.direction == "in")]
+    given = [q for q in variables_of(cls).values() if isinstance(q, Discrete) or getattr(q, "direction", "") == "in"]
+    unknowns = [q for q in variables_of(cls).values() if q not in given]
     flows = [q for p in ports_of(cls).values() for q in p.kind.quantities.values() if isinstance(q, Flow)]
     statements = [s for s in statements_of(component) if not isinstance(s, Initial | When | Assign)]
     assert all(isinstance(s, ca.SX) and s.op() == ca.OP_EQ for s in statements)
@@ -101,9 +106,8 @@ SWITCHES = [
 @pytest.mark.parametrize(("cls", "switch"), SWITCHES, ids=lambda x: x if isinstance(x, str) else label(x))
 def test_a_structural_switch_keeps_the_balance(cls, switch):
     other = not getattr(cls, switch)
-    parameters = dict.fromkeys(parameters_of(cls), 0.5)
     structure = {name: STRUCTURE[name] for name in constructor_fields(cls) if name in STRUCTURE}
-    check_balance(cls, cls(**structure, **parameters, **{switch: other}))
+    check_balance(cls, cls(**structure, **dict.fromkeys(parameters_of(cls), 0.5), **{switch: other}))
 
 
 @pytest.mark.parametrize("value", [0.5, 0.0])

@@ -4,6 +4,8 @@ Each takes the speed v of flange b against flange a and returns the element's fo
 with -f on the body at flange b and with +f on the body at flange a; f v >= 0 is the power that is lost.
 """
 
+from itertools import pairwise
+
 import casadi as ca
 
 from cartpend_dae.language import Component, dry_friction
@@ -31,3 +33,25 @@ def viscous_and_coulomb(component: Component, speed: ca.SX, d: ca.SX, coulomb: s
 def quadratic_drag(speed: ca.SX, d2: ca.SX) -> ca.SX:
     """Return d2 v |v|, the drag of a blunt body; d2 in [N.s2/m2 or N.m.s2/rad2]."""
     return d2 * speed * ca.fabs(speed)
+
+
+def check_rows(component: str, name: str, rows: tuple[tuple[float, ...], ...], *, columns: int = 2) -> None:
+    """Refuse a table over the speed that does not begin at 0, does not rise, or has other columns."""
+    speeds = [row[0] for row in rows if len(row) == columns]
+    rises = all(first < second for first, second in pairwise(speeds))
+    if not rows or len(speeds) < len(rows) or speeds[0] != 0 or not rises:
+        raise ValueError(
+            f"{component}: `{name}` needs rows of {columns} numbers whose first column begins at 0 and rises, "
+            f"not {rows!r}."
+        )
+
+
+def interpolated(rows: tuple[tuple[float, float], ...], speed: ca.SX) -> ca.SX:
+    """Return the value of a table over a speed that is not negative, joined by lines, the last of which goes on."""
+    value = ca.SX(float(rows[0][1]))
+    slope = 0.0
+    for (v_k, y_k), (v_l, y_l) in pairwise(rows):
+        steeper = (y_l - y_k) / (v_l - v_k) - slope
+        slope += steeper
+        value = value + steeper * (ca.fmax(speed - v_k, 0) if v_k else speed)
+    return value

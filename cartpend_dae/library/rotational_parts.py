@@ -5,6 +5,7 @@ import casadi as ca
 from cartpend_dae.language import Component, Param, Statements, der, param, port, signal, var
 from cartpend_dae.library import translational
 from cartpend_dae.library.rotational import CompliantWithSpeed, Flange, Rigid
+from cartpend_dae.switching import if_else
 
 
 class IdealRollingWheel(Component):
@@ -150,7 +151,7 @@ class ElastoBacklash(CompliantWithSpeed):
 class ElastoBacklash2(CompliantWithSpeed):
     """Spring and damper with play b, tau = c (x -+ b/2) + d w_rel for |x| > b/2, and 0 within; x = phi_rel - phi_rel0.
 
-    The sides only push, tau x >= 0; the damper acts in full from the contact on, where the torque jumps.
+    The sides only push, tau x >= 0; the damper acts in full from the contact on, an event, where the torque jumps.
     """
 
     c: Param = param(unit="N.m/rad", min=0, doc="stiffness")
@@ -160,6 +161,7 @@ class ElastoBacklash2(CompliantWithSpeed):
 
     def equations(self) -> Statements:
         yield from super().equations()
-        spring, damper = backlash(self.phi_rel - self.phi_rel0, self.c, self.d * self.w_rel, self.b / 2)
-        total = spring + damper
-        yield self.tau == ca.if_else(spring > 0, ca.fmax(total, 0), ca.if_else(spring < 0, ca.fmin(total, 0), 0))
+        x, damper, half = self.phi_rel - self.phi_rel0, self.d * self.w_rel, self.b / 2
+        forward, backward = self.c * (x - half) + damper, self.c * (x + half) + damper
+        pushed_back = if_else(x < -half, ca.fmin(backward, 0), 0)
+        yield self.tau == if_else(x > half, ca.fmax(forward, 0), pushed_back)
