@@ -326,7 +326,8 @@ def _modes(s: System, memory: Memory, force: ca.SX, speed: ca.SX, is_first: ca.S
     before, speed = speed, ca.substitute(speed, s.x, x)  # a state may just have jumped
     for i in range(n):
         v, mode = speed[i], memory.modes[i]
-        is_free = ca.logic_and(f.static_pos[i] <= FREE, f.static_neg[i] <= FREE)
+        # events lie at FREE while free and at FREE/2 while not: between the two there is no doubt
+        is_free = ca.logic_and(f.static_pos[i] <= 0.75 * FREE, f.static_neg[i] <= 0.75 * FREE)
         at_rest = ca.fabs(v) <= REST
         rests = ca.if_else(is_first, ca.logic_or(mode * v <= REST, mode == 2), ca.logic_or(mode * v < 0, mode == 2))
         rests = ca.logic_or(rests, ca.logic_and(at_rest, ca.fabs(before[i]) > REST))

@@ -17,13 +17,13 @@ AFTER = 1e-14
 class _Packed:
     """Inputs as expressions, the symbols that change between intervals, and their values over these.
 
-    `begin` is the begin of the interval and `jumps` whether an input jumps there; None where nothing needs it.
+    `begin` is the begin of the interval and `jumps` whether an input jumps there, None where none does.
     """
 
     values: ca.SX
     symbols: ca.SX
     stacked: np.ndarray
-    begin: ca.SX | None
+    begin: ca.SX
     jumps: ca.SX | None
 
 
@@ -36,17 +36,18 @@ def _inputs(s: System, driven: DrivenInputs, grid: np.ndarray, *, is_hybrid: boo
     rows = sorted({*changing, *sloping.tolist()})
     jumping = jumps_of(driven, grid)
     has_jumps = is_hybrid and bool(jumping.any())
-    begin = ca.SX.sym("begin") if sloping.size or has_jumps else None
+    begin = ca.SX.sym("begin", 1, 1)
+    needs_begin = bool(sloping.size) or has_jumps
     jumps = ca.SX.sym("jumps") if has_jumps else None
     starts, slopes = ca.SX.sym("left", len(rows)), ca.SX.sym("slope", sloping.size)
     for k, row in enumerate(rows):
         values[row] = starts[k]
     for k, row in enumerate(sloping.tolist()):
-        values[row] += slopes[k] * (s.time - ca.SX(begin))
+        values[row] += slopes[k] * (s.time - begin)
     for row, expression in driven.expressions.items():
         values[row] = ca.SX(expression(s.time))
-    symbols = ca.vertcat(starts, slopes, *([] if begin is None else [begin]), *([] if jumps is None else [jumps]))
-    more = [*([] if begin is None else [grid[:-1]]), *([] if jumps is None else [jumping])]
+    symbols = ca.vertcat(starts, slopes, *([begin] if needs_begin else []), *([] if jumps is None else [jumps]))
+    more = [*([grid[:-1]] if needs_begin else []), *([] if jumps is None else [jumping])]
     return _Packed(values, symbols, np.vstack([left[rows], slope[sloping], *more]), begin, jumps)
 
 
@@ -76,7 +77,7 @@ def hybrid_problem(
     for pair in old:
         ode, alg, differences = replaced([ode, alg, differences], [pair])
     (indicators,) = replaced([made.indicators], [(s.u, packed.values)])
-    if packed.jumps is not None and packed.begin is not None:
+    if packed.jumps is not None:
         # what an input that jumps makes untrue falls through nothing: just after the jump all is decided again
         is_unseen = ca.logic_and(packed.jumps > 0.5, whole.seen < packed.begin - AFTER / 2)
         soon = packed.begin + AFTER * (1 + ca.fabs(packed.begin)) - s.time
