@@ -55,3 +55,17 @@ def without_events(system: System, what: str) -> System:
         frictions=f.with_laws(laws),
         hybrid=Hybrid(none, none, (), none, none, none, none, (), none, (), h.modes),
     )
+
+
+def between_events(system: System) -> System:
+    """Return the system between events, whose discrete variables, relations and pulses are inputs after its own."""
+    h = system.hybrid
+    if h.is_empty:
+        return system
+    names = [system.variables[i].name for i in h.discretes]
+    names += [f"relation {k + 1} ({place})" for k, place in enumerate(h.relation_places)]
+    names += [f"clock {k + 1}" for k in range(h.pulses.numel())]
+    none = ca.SX(0, 1)
+    empty = Hybrid(none, none, (), none, none, none, none, (), none, (), h.modes)
+    u = ca.vertcat(system.u, system.d, h.relations, h.pulses)
+    return replace(system, inputs=(*system.inputs, *names), u=u, d=none, hybrid=empty)

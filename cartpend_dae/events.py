@@ -4,14 +4,14 @@ The memory is carried as states with derivative zero, so that CasADi's event-loc
 where an indicator falls through zero. At an event everything is decided again and again until nothing changes.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
+from cartpend_dae.continuous import between_events
 from cartpend_dae.dae import friction_laws
 from cartpend_dae.errors import ModelError
-from cartpend_dae.hybrid import Hybrid
 from cartpend_dae.merge import parallel_frictions
 from cartpend_dae.system import System
 
@@ -97,20 +97,6 @@ class Machine:
     indicators: ca.SX
     places: tuple[str, ...]
     settle: ca.Function
-
-
-def between_events(system: System) -> System:
-    """Return the system between events, whose discrete variables, relations and pulses are inputs after its own."""
-    h = system.hybrid
-    if h.is_empty:
-        return system
-    names = [system.variables[i].name for i in h.discretes]
-    names += [f"relation {k + 1} ({place})" for k, place in enumerate(h.relation_places)]
-    names += [f"clock {k + 1}" for k in range(h.pulses.numel())]
-    none = ca.SX(0, 1)
-    empty = Hybrid(none, none, (), none, none, none, none, (), none, (), h.modes)
-    u = ca.vertcat(system.u, system.d, h.relations, h.pulses)
-    return replace(system, inputs=(*system.inputs, *names), u=u, d=none, hybrid=empty)
 
 
 def machine(system: System, span: float = 1.0) -> Machine:
@@ -214,7 +200,7 @@ def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> tuple[
         # what has just turned back inside the band is well above zero, lest its next crossing go unseen
         rate, side = _pace(s, k), ca.if_else(memory.relations[k] > 0.5, -1, 1)
         found.append(side * difference + _band(s, k) * ca.if_else(side * rate > 0, 3, 1))
-    places += [*h.relation_places, *_clock_places(s)]
+    places += [*h.relation_places, *h.clock_places(s.name)]
     # a clock ticks just before its time: an indicator that is zero exactly at an output time may be passed over
     found += [h.offsets[k] + (memory.next[k] - 1e-10) * h.periods[k] - s.time for k in range(h.pulses.numel())]
     indicators = ca.SX(ca.vertcat(*found))
@@ -222,16 +208,6 @@ def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> tuple[
         indicators = ca.substitute(indicators, f.force, force)
     indicators = ca.substitute(indicators, h.pulses, ca.SX.zeros(h.pulses.numel()))
     return ca.if_else(memory.note[0] == 0, indicators, 1), tuple(places)
-
-
-def _clock_places(s: System) -> list[str]:
-    """Return for each clock a place that listens to it."""
-    h = s.hybrid
-    listens = ca.jacobian_sparsity(h.conditions, h.pulses)
-    places = {k: s.name for k in range(h.pulses.numel())}
-    for condition, k in zip(*listens.get_triplet(), strict=True):
-        places |= {k: action.place for action in h.actions if action.when == condition}
-    return list(places.values())
 
 
 def _moving(s: System) -> ca.SX:
@@ -387,9 +363,8 @@ def initial_memory(machine: Machine, system: System, time: float, u: np.ndarray,
     periods, offsets = (np.asarray(value).ravel() for value in clock(p))
     if np.any(wrong := ~(periods > 0)):
         k = int(np.flatnonzero(wrong)[0])
-        raise ModelError(
-            f"The period of a clock in `{_clock_places(system)[k]}` is {periods[k]:g} s: `sample` takes a positive one."
-        )
+        place = h.clock_places(system.name)[k]
+        raise ModelError(f"The period of a clock in `{place}` is {periods[k]:g} s: `sample` takes a positive one.")
     first = np.maximum(0.0, np.ceil((time - offsets) / periods - 1e-9))
     # the last event was long ago; a time far out of scale would spoil the error norm of the integrator
     none = np.zeros(memory.relations.numel() + memory.held.numel())

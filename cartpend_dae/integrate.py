@@ -223,7 +223,7 @@ def _missed(begin: Begin, made: Machine, driven: DrivenInputs, run: Run, grid: n
     values = np.asarray(function(grid[None, :], run.x, run.memory, run.z, u, columns))
     # an event lies where it is found; what a step leaves wrong is far larger
     least = -UNSEEN * np.abs(values).max(axis=1, initial=0.0)
-    return sorted({f"`{made.places[k]}`" for k in np.flatnonzero((values.T < least).any(axis=0))})
+    return sorted({f"`{made.places[k]}`" for k in np.flatnonzero((least > values.T).any(axis=0))})
 
 
 def _plugins(begin: Begin, method: Method, jumps: bool) -> tuple[str, ...]:

@@ -1,5 +1,7 @@
 """Events that time alone decides: hit exactly, at output times and between, and by the fast integrators."""
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -28,7 +30,7 @@ from cartpend_dae.dae import parameter_vector
 from cartpend_dae.inputs import driven_inputs, jumps_of
 from cartpend_dae.time_events import with_time_events
 
-TIGHT = {"rtol": 1e-11, "atol": 1e-13}
+TIGHT: dict[str, Any] = {"rtol": 1e-11, "atol": 1e-13}
 
 
 class Step(Component):
