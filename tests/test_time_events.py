@@ -136,7 +136,7 @@ class Pushed(Component):
 
 @pytest.mark.parametrize("method", ["adaptive", "erk", "rosenbrock"])
 def test_an_input_that_jumps_is_an_event(method):
-    held = ([0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 5.0, 0.0, -1.4, 4.0], "zoh")
+    held: Any = ([0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 5.0, 0.0, -1.4, 4.0], "zoh")
     result = simulate(Pushed(), 4.5, points=46, inputs={"push": held}, method=method, **TIGHT)
     t = result.time
     # after 2 s: 1.5 m/s2 of friction; from 3 s on 1.4 more: 2 m/s falls to 0 by 3 + 2/2.9 s
