@@ -58,7 +58,7 @@ def _relations_in_place(system: System, known: ca.SX | None = None, values: ca.S
         system.invariants,
         *f.laws,
     ]
-    if known is not None and known.numel():
+    if known is not None and values is not None and known.numel():
         parts = ca.substitute(parts, [known], [values])
     for _ in h.relation_places:  # a relation may stand in the next one
         if not any(ca.depends_on(part, h.relations) for part in parts):
@@ -77,3 +77,17 @@ def _relations_in_place(system: System, known: ca.SX | None = None, values: ca.S
         frictions=f.with_laws(laws),
         hybrid=Hybrid(none, none, (), none, none, none, none, (), none, (), h.modes),
     )
+
+
+def between_events(system: System) -> System:
+    """Return the system between events, whose discrete variables, relations and pulses are inputs after its own."""
+    h = system.hybrid
+    if h.is_empty:
+        return system
+    names = [system.variables[i].name for i in h.discretes]
+    names += [f"relation {k + 1} ({place})" for k, place in enumerate(h.relation_places)]
+    names += [f"clock {k + 1}" for k in range(h.pulses.numel())]
+    none = ca.SX(0, 1)
+    empty = Hybrid(none, none, (), none, none, none, none, (), none, (), h.modes)
+    u = ca.vertcat(system.u, system.d, h.relations, h.pulses)
+    return replace(system, inputs=(*system.inputs, *names), u=u, d=none, hybrid=empty)

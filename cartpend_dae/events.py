@@ -4,14 +4,15 @@ The memory is carried as states with derivative zero, so that CasADi's event-loc
 where an indicator falls through zero. At an event everything is decided again and again until nothing changes.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
+from cartpend_dae.continuous import between_events
 from cartpend_dae.dae import friction_laws
 from cartpend_dae.errors import ModelError
-from cartpend_dae.hybrid import Hybrid
+from cartpend_dae.memory import N_NOTE, Memory
 from cartpend_dae.merge import parallel_frictions
 from cartpend_dae.system import System
 
@@ -34,52 +35,6 @@ INSTANT, CROWD = 1e-9, 200
 HASTE, SHRINKS = 1e-6, 3
 
 CHATTER, ZENO = -1, -2
-N_NOTE = 9
-
-
-@dataclass(frozen=True, slots=True)
-class Memory:
-    """What is constant between events, each a column of symbols.
-
-    `modes` of dry frictions in {-1, 0, 1, 2}, `discretes`, `relations` and `held` conditions in {0, 1}, the `next`
-    tick of each clock, from 0 (a sum of periods would drift by rounding), and `note`: why the run stopped (0: it did
-    not; the number of an action, from 1; `CHATTER` or `ZENO`), when, the time of the last event, how many were at that
-    instant, how many in all; the time of the last jump of a state, the interval before it, how many intervals in a row
-    were short and ever shorter; and the begin of the interval of inputs that the last decision knew (`seen`).
-    """
-
-    modes: ca.SX
-    discretes: ca.SX
-    relations: ca.SX
-    held: ca.SX
-    next: ca.SX
-    note: ca.SX
-
-    @property
-    def vector(self) -> ca.SX:
-        """All of it as one column."""
-        return ca.vertcat(self.modes, self.discretes, self.relations, self.held, self.next, self.note)
-
-    @property
-    def seen(self) -> ca.SX:
-        """The begin of the interval of inputs that the last decision knew [s]."""
-        return self.note[N_NOTE - 1]
-
-    @property
-    def whole(self) -> "Memory":
-        """The memory with whole numbers as such: implicit integrators leave 1e-39 where there was zero."""
-        whole = [ca.floor(part + 0.5) for part in (self.modes, self.relations, self.held, self.next)]
-        note = ca.SX(self.note)
-        note[0] = ca.floor(note[0] + 0.5)
-        return Memory(whole[0], self.discretes, whole[1], whole[2], whole[3], note)
-
-    def split(self, values: np.ndarray) -> "dict[str, np.ndarray]":
-        """Return the rows of (n_memory, n) values by the name of the part."""
-        parts, at = {}, 0
-        for name in ("modes", "discretes", "relations", "held", "next", "note"):
-            n = getattr(self, name).numel()
-            parts[name], at = values[at : at + n], at + n
-        return parts
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,20 +54,6 @@ class Machine:
     settle: ca.Function
 
 
-def between_events(system: System) -> System:
-    """Return the system between events, whose discrete variables, relations and pulses are inputs after its own."""
-    h = system.hybrid
-    if h.is_empty:
-        return system
-    names = [system.variables[i].name for i in h.discretes]
-    names += [f"relation {k + 1} ({place})" for k, place in enumerate(h.relation_places)]
-    names += [f"clock {k + 1}" for k in range(h.pulses.numel())]
-    none = ca.SX(0, 1)
-    empty = Hybrid(none, none, (), none, none, none, none, (), none, (), h.modes)
-    u = ca.vertcat(system.u, system.d, h.relations, h.pulses)
-    return replace(system, inputs=(*system.inputs, *names), u=u, d=none, hybrid=empty)
-
-
 def machine(system: System, span: float = 1.0) -> Machine:
     """Describe a system by memory, indicators and decisions.
 
@@ -130,6 +71,7 @@ def machine(system: System, span: float = 1.0) -> Machine:
     """
     s, h = system, system.hybrid
     _check_targets(s)
+    _check_conditions(s)
     plain = between_events(s)
     n_f = s.frictions.force.numel()
     memory = Memory(
@@ -161,6 +103,18 @@ def _check_targets(s: System) -> None:
     if wrong:
         states = ", ".join(f"`{name}`" for name in s.states) or "none"
         raise ModelError(f"{s.name}: {'; '.join(wrong)}, so that nothing keeps its value; the states are: {states}.")
+
+
+def _check_conditions(s: System) -> None:
+    """Refuse a condition that a signal makes depend on what changes between events."""
+    h = s.hybrid
+    moves = ca.which_depends(h.conditions, ca.vertcat(s.x, s.z, s.time), 1, True) if h.conditions.numel() else []
+    places = sorted({a.place for a in h.actions if a.when >= 0 and moves[a.when]})
+    if places:
+        raise ModelError(
+            f"{s.name}: a condition of `when` in {', '.join(f'`{place}`' for place in places)} is a signal that "
+            f"changes between events, so that none tells when it becomes true: compare it by `<`, `<=`, `>` or `>=`."
+        )
 
 
 def _forces(free: ca.SX, influence: ca.SX, pos: ca.SX, neg: ca.SX, modes: ca.SX, is_shared: tuple[bool, ...]) -> ca.SX:
@@ -215,7 +169,7 @@ def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> tuple[
         # what has just turned back inside the band is well above zero, lest its next crossing go unseen
         rate, side = _pace(s, k), ca.if_else(memory.relations[k] > 0.5, -1, 1)
         found.append(side * difference + _band(s, k) * ca.if_else(side * rate > 0, 3, 1))
-    places += [*h.relation_places, *_clock_places(s)]
+    places += [*h.relation_places, *h.clock_places(s.name)]
     # a clock ticks just before its time: an indicator that is zero exactly at an output time may be passed over
     found += [h.offsets[k] + (memory.next[k] - 1e-10) * h.periods[k] - s.time for k in range(h.pulses.numel())]
     indicators = ca.SX(ca.vertcat(*found))
@@ -223,16 +177,6 @@ def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> tuple[
         indicators = ca.substitute(indicators, f.force, force)
     indicators = ca.substitute(indicators, h.pulses, ca.SX.zeros(h.pulses.numel()))
     return ca.if_else(memory.note[0] == 0, indicators, 1), tuple(places)
-
-
-def _clock_places(s: System) -> list[str]:
-    """Return for each clock a place that listens to it."""
-    h = s.hybrid
-    listens = ca.jacobian_sparsity(h.conditions, h.pulses)
-    places = [s.name] * h.pulses.numel()
-    for condition, k in zip(*listens.get_triplet(), strict=True):
-        places[k] = next((action.place for action in h.actions if action.when == condition), s.name)
-    return places
 
 
 def _moving(s: System) -> ca.SX:
@@ -393,9 +337,8 @@ def initial_memory(machine: Machine, system: System, time: float, u: np.ndarray,
     periods, offsets = (np.asarray(value).ravel() for value in clock(p))
     if np.any(wrong := ~(periods > 0)):
         k = int(np.flatnonzero(wrong)[0])
-        raise ModelError(
-            f"The period of a clock in `{_clock_places(system)[k]}` is {periods[k]:g} s: `sample` takes a positive one."
-        )
+        place = h.clock_places(system.name)[k]
+        raise ModelError(f"The period of a clock in `{place}` is {periods[k]:g} s: `sample` takes a positive one.")
     first = np.maximum(0.0, np.ceil((time - offsets) / periods - 1e-9))
     # the last event was long ago; a time far out of scale would spoil the error norm of the integrator
     none = np.zeros(memory.relations.numel() + memory.held.numel())

@@ -66,7 +66,8 @@ def _check_condition(tables: Gathered, collector: Collector, place: str, conditi
     for symbol in ca.symvar(condition):
         known = tables.variable_of.get(symbol.element_hash())
         is_time = symbol.element_hash() == collector.time.element_hash()
-        if is_time or (known is not None and tables.variables[known[0]].kind != "discrete"):
+        # a signal may carry a clock; whether it does is seen once the equations are solved
+        if is_time or (known is not None and tables.variables[known[0]].kind in ("variable", "potential", "flow")):
             moving.append(f"`{symbol.name()}`")
     if moving:
         tables.findings.append(

@@ -52,6 +52,14 @@ class Hybrid:
         """What is constant between events, but for the discrete variables."""
         return ca.vertcat(self.relations, self.pulses)
 
+    def clock_places(self, otherwise: str) -> list[str]:
+        """Return for each clock a place that listens to it, `otherwise` where none does."""
+        listens = ca.jacobian_sparsity(self.conditions, self.pulses)
+        places = [otherwise] * self.pulses.numel()
+        for condition, k in zip(*listens.get_triplet(), strict=True):
+            places[k] = next((action.place for action in self.actions if action.when == condition), places[k])
+        return places
+
     @property
     def laws(self) -> list[ca.SX]:
         """The expressions, for a pass that rewrites them."""

@@ -1,5 +1,7 @@
 """State events against closed forms: jumps, dry friction that sticks, and runs that events end."""
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -30,8 +32,8 @@ from cartpend_dae import (
 from cartpend_dae.library.translational import CoulombFriction, Fixed, Force, Mass
 
 G = 9.81
-TIGHT = {"rtol": 1e-11, "atol": 1e-13}
-PLUGINS = ["erk", "rosenbrock"]
+TIGHT: dict[str, Any] = {"rtol": 1e-11, "atol": 1e-13}
+PLUGINS: list[Any] = ["erk", "rosenbrock"]
 
 
 class Ball(Component):

@@ -35,6 +35,7 @@ LAYERS = """
     sort merge continuous
     assemble structure
     dae
+    memory
     events
     start_conditions start_solver trouble
     start_paths

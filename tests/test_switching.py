@@ -1,5 +1,7 @@
 """Conditions, discrete variables and sampled laws against what they mean."""
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -30,8 +32,8 @@ from cartpend_dae import (
     when,
 )
 
-TIGHT = {"rtol": 1e-11, "atol": 1e-13}
-PLUGINS = ["erk", "rosenbrock"]
+TIGHT: dict[str, Any] = {"rtol": 1e-11, "atol": 1e-13}
+PLUGINS: list[Any] = ["erk", "rosenbrock"]
 
 
 class Ramp(Component):

@@ -1,5 +1,7 @@
 """Events that time alone decides: hit exactly, at output times and between, and by the fast integrators."""
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -28,7 +30,7 @@ from cartpend_dae.dae import parameter_vector
 from cartpend_dae.inputs import driven_inputs, jumps_of
 from cartpend_dae.time_events import with_time_events
 
-TIGHT = {"rtol": 1e-11, "atol": 1e-13}
+TIGHT: dict[str, Any] = {"rtol": 1e-11, "atol": 1e-13}
 
 
 class Step(Component):
@@ -134,7 +136,7 @@ class Pushed(Component):
 
 @pytest.mark.parametrize("method", ["adaptive", "erk", "rosenbrock"])
 def test_an_input_that_jumps_is_an_event(method):
-    held = ([0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 5.0, 0.0, -1.4, 4.0], "zoh")
+    held: Any = ([0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 5.0, 0.0, -1.4, 4.0], "zoh")
     result = simulate(Pushed(), 4.5, points=46, inputs={"push": held}, method=method, **TIGHT)
     t = result.time
     # after 2 s: 1.5 m/s2 of friction; from 3 s on 1.4 more: 2 m/s falls to 0 by 3 + 2/2.9 s
