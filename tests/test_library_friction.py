@@ -1,9 +1,11 @@
 """Bearings, brakes, clutches and lossy gears against closed forms: when they stop, stick and break loose."""
 
+import casadi as ca
 import numpy as np
 import pytest
 from library_bench import CLOSE, joined, run
 
+from cartpend_dae.language import Component, Param, der, dry_friction, initial, param, time, var
 from cartpend_dae.library import rotational as r
 from cartpend_dae.library import rotational_friction as f
 from cartpend_dae.library import rotational_parts as parts
@@ -218,3 +220,23 @@ def test_the_torque_of_hard_play_jumps_at_the_contact_and_ends_where_it_would_pu
     speed = w_0 * np.exp(-delta * inside) * (np.cos(w_d * inside) - delta / w_d * np.sin(w_d * inside))
     assert hit + ends < 0.15
     assert result["body.w"] == pytest.approx(speed, abs=CLOSE)
+
+
+class Ratchet(Component):
+    """A unit mass that a pawl lets move forward only, m der(v) = -cos(pi t) - f."""
+
+    m: Param = param(unit="kg", default=1.0, min=0)
+    f_1: Param = param(unit="N", default=1.0)
+    w: Param = param(unit="rad/s", default=np.pi)
+    v = var(unit="m/s")
+
+    def equations(self):
+        hold = dry_friction(self.v, 0.0, f.BLOCKED)
+        yield self.m * der(self.v) == -self.f_1 * ca.cos(self.w * time()) - hold
+        yield initial(self.v == 0)
+
+
+def test_what_is_held_on_one_side_only_leaves_as_soon_as_the_force_turns():
+    result = run(Ratchet(), 1.4)
+    closed = np.where(result.time < 0.5, 0, (1 - np.sin(np.pi * result.time)) / np.pi)
+    assert result["v"] == pytest.approx(closed, abs=CLOSE)
