@@ -143,7 +143,6 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
     if made is None and system.x.numel() == 0:
         z = algebraics_along(system, Start(begin.x, begin.z, begin.p, {}), begin.p, inputs_at(driven, grid), grid)
         return Run(np.zeros((0, grid.size)), z, None)
-    x_0 = np.concatenate([begin.x, begin.memory])
     options: dict[str, Any] = {"reltol": choice.rtol, "abstol": choice.atol, "show_eval_warnings": False}
     problem, transition = _problem(begin.system, made, driven)
     if transition is not None:
@@ -156,7 +155,7 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
         extra = {"max_num_steps": 1_000_000} if plugin in ("cvodes", "idas") else {}
         try:
             with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-                x, z = _piecewise(plugin, problem, (x_0, begin.z, begin.p), stacked, grid, options | extra)
+                x, z = _piecewise(plugin, problem, begin, (driven, stacked), grid, options | extra)
             break
         except RuntimeError as error:
             reason = str(error)
@@ -172,30 +171,36 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
 def _piecewise(
     plugin: str,
     problem: dict[str, ca.SX],
-    start: tuple[np.ndarray, np.ndarray, np.ndarray],
-    stacked: np.ndarray,
+    begin: Begin,
+    inputs: tuple[DrivenInputs, np.ndarray],
     grid: np.ndarray,
     options: dict[str, Any],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return states and algebraic variables over the grid.
 
-    An integrator of several steps starts anew where an input jumps: what it has learned of the past misleads it there.
+    Where an input jumps, the integrator starts anew: what it has learned of the past misleads it there. So do the
+    decisions on modes and relations: an indicator that a jump takes below zero never falls through it.
 
     Parameters
     ----------
     plugin, problem, options
         For `casadi.integrator`.
-    start
-        States, algebraic variables and parameters at the start.
-    stacked
-        Values at the left end, slopes and beginning of each interval: (2 n_u + 1, n_intervals).
+    begin
+        The start.
+    inputs
+        Inputs over the intervals; also as one array of their values at the left end, slopes and beginning of each.
     grid
         Times (n,) [s].
     """
-    x, z, p = start
-    ends = [0, *(_jumps(stacked, grid) if plugin in ("cvodes", "idas") else ()), grid.size - 1]
+    (driven, stacked), made, z, p = inputs, begin.machine, begin.z, begin.p
+    x = np.concatenate([begin.x, begin.memory])
+    u, n_x = inputs_at(driven, grid), begin.x.size
+    ends = [0, *_jumps(driven, grid), grid.size - 1]
     columns_x, columns_z = [x[:, None]], [z[:, None]]
     for first, last in pairwise(ends):
+        if first and made is not None:
+            settled = made.settle(grid[first], x[:n_x], x[n_x:], z, u[:, first], p)
+            x = np.concatenate([np.asarray(part).ravel() for part in settled])
         # a piece after a jump begins with an output of its own: the algebraic variables jump too
         outputs = np.arange(first, last + 1) if first else np.arange(1, last + 1)
         integrator = ca.integrator("run", plugin, problem, float(grid[first]), grid[outputs].tolist(), options)
@@ -209,13 +214,11 @@ def _piecewise(
     return np.hstack(columns_x), np.hstack(columns_z)
 
 
-def _jumps(stacked: np.ndarray, grid: np.ndarray) -> list[int]:
+def _jumps(driven: DrivenInputs, grid: np.ndarray) -> list[int]:
     """Return the points of the grid, other than its ends, at which an input jumps by more than rounding."""
-    n_u = (len(stacked) - 1) // 2
-    left, slope = stacked[:n_u], stacked[n_u : 2 * n_u]
-    arrived = left[:, :-1] + slope[:, :-1] * np.diff(grid)[:-1]
-    size = 1e-9 * np.abs(left).max(axis=1, keepdims=True, initial=0.0)
-    return [int(k) + 1 for k in np.flatnonzero((np.abs(left[:, 1:] - arrived) > size).any(axis=0))]
+    arrived = driven.left[:, :-1] + driven.slope[:, :-1] * np.diff(grid)[:-1]
+    size = 1e-9 * np.abs(driven.left).max(axis=1, keepdims=True, initial=0.0)
+    return [int(k) + 1 for k in np.flatnonzero((np.abs(driven.left[:, 1:] - arrived) > size).any(axis=0))]
 
 
 def _plugins(begin: Begin, method: Method) -> tuple[str, ...]:
