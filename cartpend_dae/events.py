@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.dae import friction_laws
+from cartpend_dae.errors import ModelError
 from cartpend_dae.hybrid import Hybrid
 from cartpend_dae.merge import parallel_frictions
 from cartpend_dae.system import System
@@ -116,6 +117,7 @@ def machine(system: System, span: float = 1.0) -> Machine:
         Length of the whole run [s], against which events at one instant are told.
     """
     s, h = system, system.hybrid
+    _check_jumps(s)
     plain = between_events(s)
     n_f = s.frictions.force.numel()
     memory = Memory(
@@ -135,6 +137,19 @@ def machine(system: System, span: float = 1.0) -> Machine:
     if h.relations.numel():
         force, indicators = ca.substitute([force, indicators], [h.relations], [whole.relations])
     return Machine(plain, memory, force, indicators, _settle(s, memory, step))
+
+
+def _check_jumps(system: System) -> None:
+    """Refuse a jump of what is no state of this model."""
+    jumps = {(a.place, system.variables[a.target].name) for a in system.hybrid.actions if a.kind == "reinit"}
+    findings = [
+        f"`reinit` in `{place}` names `{name}`, which is no state here, because what is connected to it gives its "
+        f"value: connect it through a spring or a gap, or leave the `reinit` out"
+        for place, name in sorted(jumps)
+        if name not in system.state_relations
+    ]
+    if findings:
+        raise ModelError(f"{system.name}: {'; '.join(findings)}.")
 
 
 def _forces(free: ca.SX, influence: ca.SX, pos: ca.SX, neg: ca.SX, modes: ca.SX, is_shared: tuple[bool, ...]) -> ca.SX:
