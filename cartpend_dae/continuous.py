@@ -31,7 +31,7 @@ def without_events(system: System, what: str) -> System:
         places = sorted({action.place for action in h.actions} | {system.variables[i].name for i in h.discretes})
         listing = ", ".join(f"`{place}`" for place in places)
         raise ModelError(f"{what} knows no discrete variables and no `when`, but {system.name} has them: {listing}.")
-    return _relations_in_place(system)
+    return _relations_in_place(system, ca.SX(0, 1), ca.SX(0, 1))
 
 
 def before_events(system: System) -> System:
@@ -46,7 +46,7 @@ def before_events(system: System) -> System:
     return _relations_in_place(system, ca.vertcat(system.d, h.pulses), ca.SX([*values, *[0.0] * h.pulses.numel()]))
 
 
-def _relations_in_place(system: System, known: ca.SX | None = None, values: ca.SX | None = None) -> System:
+def _relations_in_place(system: System, known: ca.SX, values: ca.SX) -> System:
     """Return a system whose relations are expressions, and in which known symbols have values."""
     h, f = system.hybrid, system.frictions
     parts = [
@@ -58,7 +58,7 @@ def _relations_in_place(system: System, known: ca.SX | None = None, values: ca.S
         system.invariants,
         *f.laws,
     ]
-    if known is not None and known.numel():
+    if known.numel():
         parts = ca.substitute(parts, [known], [values])
     for _ in h.relation_places:  # a relation may stand in the next one
         if not any(ca.depends_on(part, h.relations) for part in parts):
