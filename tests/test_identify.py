@@ -217,7 +217,7 @@ def test_friction_that_sticks_is_estimated_without_bias():
     push = 5.0 * np.sin(2 * np.pi * 0.4 * times)
     run = simulate(system, times=times, inputs={"force.f": (times, push, "zoh")}, rtol=1e-10, atol=1e-12)
     stuck = np.mean(np.abs(run["mass.v"]) < 1e-9)
-    assert stuck > 0.3
+    assert stuck > 0.1  # it comes to rest late, and `rk4` says 12.5 % as well
     inputs = {"force.f": Channel(push, "zoh", None, "N", 0.0)}
     experiment = experiment_of(run, {"mass.s": "m"}, {}, noise=1e-4, seed=2, inputs=inputs)
     truth = {"mass.m": 2.0, "rail.d": 0.5, "rail.f_c": 3.0}
