@@ -230,9 +230,11 @@ class _Walk:
         for k, (operation, place, a, b) in enumerate(self.program):
             if operation == ca.OP_INPUT:
                 at[place] = values[a]
+            elif operation in (ca.OP_CONST, ca.OP_OUTPUT):
+                continue  # a literal may stand in several equations, also where it is not checked
             elif k in unchecked:
                 at[place] = d.unknown()
-            elif operation not in (ca.OP_CONST, ca.OP_OUTPUT):
+            else:
                 key = (operation, at[a], at[b])
                 if (result := cache.get(key)) is None:
                     n_clashes = len(d.clashes)

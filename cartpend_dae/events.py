@@ -96,9 +96,11 @@ def machine(system: System, span: float = 1.0) -> Machine:
 def _check_targets(s: System) -> None:
     """Refuse a jump of a variable that nothing keeps."""
     wrong = sorted(
-        f"`reinit` in `{action.place}` names `{s.variables[action.target].name}`, which is no state"
-        for action in s.hybrid.actions
-        if action.kind == "reinit" and s.variables[action.target].name not in s.state_relations
+        {
+            f"`reinit` in `{action.place}` names `{s.variables[action.target].name}`, which is no state"
+            for action in s.hybrid.actions
+            if action.kind == "reinit" and s.variables[action.target].name not in s.state_relations
+        }
     )
     if wrong:
         states = ", ".join(f"`{name}`" for name in s.states) or "none"

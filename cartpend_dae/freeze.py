@@ -211,7 +211,9 @@ def _check_symbols(tables: Gathered, flat: FlatSystem, used: list[tuple[int, ca.
     ]
     if found:
         users = users_of(ca.vertcat(*[symbol for _, symbol in found]), parts, origins)
-        tables.findings += [foreign_sentence(what, of) for (what, _), of in zip(found, users, strict=True)]
+        tables.findings += [
+            foreign_sentence(what, [*dict.fromkeys(of)]) for (what, _), of in zip(found, users, strict=True)
+        ]
     tables.findings += varying_findings(flat)
     if tables.findings:
         raise ModelError(listed_findings(flat.name, tables.findings))

@@ -25,6 +25,8 @@ MOST_EVENTS = 1_000_000
 STABLE, MOST_STEPS = 3.3, 300_000
 # compiled, an explicit step costs a quarter of an implicit one, of which a few thousand are enough
 FEW_STEPS = 20_000
+# so many times cvodes and idas start anew where inputs jump, some milliseconds each; more jumps are left to them
+MOST_RESTARTS = 200
 # largest steps as parts of the whole time, tried until no event is passed over
 SHARES = (1 / 500, 1 / 2500, 1 / 12500, 1 / 62500)
 # part of its largest magnitude by which an indicator may be below zero
@@ -182,7 +184,8 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
 def _run(begin: Begin, driven: DrivenInputs, choice: Choice, whole: Integration) -> Run:
     """Integrate by the first of some integrators that can."""
     system, grid, n_x, n_m = begin.between, whole.grid, begin.x.size, begin.memory.size
-    whole = replace(whole, is_compiled=choice.is_compiled)
+    jumps = np.flatnonzero(jumps_of(driven, grid)).tolist()
+    whole = replace(whole, is_compiled=choice.is_compiled, jumps=tuple(jumps if len(jumps) <= MOST_RESTARTS else []))
     result, failures = None, []
     for plugin in _plugins(begin, driven, grid, choice):
         result, reason = whole.run(plugin, grid.size)
@@ -240,8 +243,7 @@ def _plugins(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choic
         n_steps = _fastest_rate(begin, driven, grid) * float(grid[-1] - grid[0]) / STABLE
         return ("erk",) if n_steps < FEW_STEPS and not begin.z.size else ("rosenbrock",)
     if begin.system.algebraics:
-        # idas finds no way on from algebraic variables that jump with an input; one step of rosenbrock knows no past
-        return ("rosenbrock", "idas") if jumps_of(driven, grid).any() else ("idas", "rosenbrock")
+        return ("idas", "rosenbrock")
     # cvodes gives up now and then where an input jumps
     return ("cvodes", "rosenbrock") if jumps_of(driven, grid).any() else ("cvodes",)
 

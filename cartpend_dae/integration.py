@@ -3,6 +3,7 @@
 import contextlib
 import io
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
@@ -11,6 +12,7 @@ import numpy as np
 from cartpend_dae.compiled import compiled
 
 MOST_STEPS = 1_000_000
+MULTISTEP = ("cvodes", "idas")
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +20,7 @@ class Integration:
     """What `casadi.integrator` solves over `grid` (n,) [s], from x (n_x,) and z (n_z,).
 
     Parameters p (n_p,), inputs u (n_u, n - 1) constant over each interval. `is_compiled` turns the integrators that
-    CasADi can write as C into machine code.
+    CasADi can write as C into machine code. `jumps` are the grid points at which an input jumps.
     """
 
     problem: dict[str, ca.SX]
@@ -29,24 +31,46 @@ class Integration:
     p: np.ndarray
     u: np.ndarray
     is_compiled: bool = False
+    jumps: tuple[int, ...] = ()
 
-    def run(self, plugin: str, n: int) -> tuple[dict[str, ca.DM] | None, str]:
-        """Integrate over the first n grid points; return the result, or None and the reason."""
-        extra = {"max_num_steps": MOST_STEPS} if plugin in ("cvodes", "idas") else {}
-        given = {"u": self.u[:, : n - 1]} if self.u.size else {}
-        try:
-            with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-                integrator = ca.integrator(
-                    "run", plugin, self.problem, float(self.grid[0]), self.grid[1:n].tolist(), self.options | extra
-                )
-                if self.is_compiled and n == self.grid.size:
-                    integrator = compiled(integrator)
-                result = integrator(x0=self.x, z0=self.z, p=self.p, **given)
-        except RuntimeError as error:
-            return None, str(error)
-        if not np.all(np.isfinite(np.asarray(result["xf"]))):
-            return None, "a state is not finite"
-        return result, ""
+    def run(self, plugin: str, n: int) -> tuple[dict[str, np.ndarray] | None, str]:
+        """Integrate over the first n grid points; return the result, or None and the reason.
+
+        An integrator of several steps starts anew where an input jumps: its past misleads it there.
+        """
+        starts_anew = plugin in MULTISTEP or self.z.size > 0
+        ends = [0, *(k for k in self.jumps if k < n - 1 and starts_anew), n - 1]
+        x, z = self.x, self.z
+        found: dict[str, list[np.ndarray]] = {"xf": [], "zf": []}
+        for first, last in pairwise(ends):
+            try:
+                piece = self._piece(plugin, (x, z), (first, last), n)
+            except RuntimeError as error:
+                return None, str(error)
+            if not np.all(np.isfinite(piece["xf"])):
+                return None, "a state is not finite"
+            for key, columns in found.items():
+                if first:  # the algebraic variables jump too: the piece after the jump says what they are there
+                    columns[-1] = columns[-1][:, :-1]
+                columns.append(piece[key])
+            x, z = piece["xf"][:, -1], piece["zf"][:, -1]
+        return {key: np.hstack(columns) for key, columns in found.items()}, ""
+
+    def _piece(
+        self, plugin: str, start: tuple[np.ndarray, np.ndarray], ends: tuple[int, int], n: int
+    ) -> dict[str, np.ndarray]:
+        first, last = ends
+        outputs = np.arange(first if first else 1, last + 1)
+        extra = {"max_num_steps": MOST_STEPS} if plugin in MULTISTEP else {}
+        given = {"u": self.u[:, np.maximum(outputs - 1, first)]} if self.u.size else {}
+        with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
+            integrator = ca.integrator(
+                "run", plugin, self.problem, float(self.grid[first]), self.grid[outputs].tolist(), self.options | extra
+            )
+            if self.is_compiled and n == self.grid.size:
+                integrator = compiled(integrator)
+            result = integrator(x0=start[0], z0=start[1], p=self.p, **given)
+        return {key: np.asarray(result[key]).reshape(-1, outputs.size) for key in ("xf", "zf")}
 
     def point(self, plugin: str, k: int) -> tuple[np.ndarray, np.ndarray] | None:
         """Return states and algebraic variables at grid point k; None if the integration does not get there."""

@@ -1,7 +1,7 @@
 """Reference examples: how their names map to ours, how they are run, and how near they come.
 
-The models stand in `tests/msl`, one a file: a `Component` whose parts carry the names of the reference example, its
-name `SPEC`, and `EVENTS`, the times at which its sources jump or bend, where integrators must start anew.
+The models stand in `tests/msl`, one a file: a `Component` whose parts carry the names of the reference example, and its
+name `SPEC`.
 """
 
 import importlib.util
@@ -268,13 +268,12 @@ class Outcome:
 
 
 def run(example: Example) -> Outcome:
-    """Simulate an example at the times of the reference and of its events, and compare every listed signal."""
+    """Simulate an example at the times of the reference, and compare every listed signal."""
     compare = load_module(example.folder / "compare.py")
     head, data = compare.read_csv(example.folder / "specs" / example.spec["reference"]["file"])
     reference = data[:, 0]
     begun = time.perf_counter()
-    times = grid(reference, getattr(example.module, "EVENTS", ()))
-    result = simulate(example.model, times=times)
+    result = simulate(example.model, times=np.unique(reference))
     seconds = time.perf_counter() - begun
     tube, use = example.spec["check"]["tube"], {}
     ignored = example.spec["check"].get("ignore", ())
@@ -290,9 +289,3 @@ def run(example: Example) -> Outcome:
         use[ours] = compare.check_signal(reference, values, result.time, found, width, height)[1]
     start = {name: float(result[name][0]) for name in result.names}
     return Outcome(use, seconds, start)
-
-
-def grid(reference: np.ndarray, events: tuple[float, ...]) -> np.ndarray:
-    """Return the reference's times and the events, without two that differ by rounding (the event stays)."""
-    apart = [t for t in np.unique(reference) if all(abs(t - event) > 1e-8 for event in events)]
-    return np.unique([*apart, *events])

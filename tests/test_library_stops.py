@@ -5,7 +5,7 @@ import pytest
 from library_bench import joined
 from scipy.integrate import solve_ivp
 
-from cartpend_dae import simulate
+from cartpend_dae import ModelError, simulate
 from cartpend_dae.library import signals as s
 from cartpend_dae.library import translational as t
 from cartpend_dae.library import translational_friction as tf
@@ -107,3 +107,10 @@ def test_a_guide_holds_up_to_its_peak_and_then_slides_at_its_level(peak):
     np.testing.assert_array_equal(result["mass.v"][stuck], 0.0)
     slides = result.time > 2.0 * peak + 1e-3
     np.testing.assert_allclose(result["mass.v"][slides], other.sol(result.time[slides])[0], rtol=0, atol=1e-5)
+
+
+def test_a_body_with_stops_that_something_else_moves_is_refused():
+    wall, body = t.Fixed(), tf.MassWithStopAndFriction(m=1.0)
+    model = joined((wall.flange, body.flange_a), wall=wall, body=body)
+    with pytest.raises(ModelError, match=r"`reinit` in `body` names `body\.s`, which is no state"):
+        simulate(model, 1.0)

@@ -66,10 +66,10 @@ def test_model_assembles_prints_and_runs_from_its_own_start(name):
 def test_fixed_and_adaptive_steps_agree(name):
     system = assemble(load(name))
     inputs = dict.fromkeys(system.inputs, 1.0)
-    adaptive = simulate(system, 0.5, inputs=inputs, points=501)
+    adaptive = simulate(system, 0.5, inputs=inputs, points=501, rtol=1e-10, atol=1e-12)
     fixed = simulate(system, 0.5, inputs=inputs, method="rk4", step=0.001)
     for state in system.states:
-        # Steps of 1 ms against a tolerance of 1e-8, for rates of some tens of rad/s.
+        # Steps of 1 ms against a tolerance of 1e-10, for rates of some tens of rad/s.
         np.testing.assert_allclose(adaptive[state], fixed[state], rtol=0, atol=1e-6, err_msg=state)
 
 

@@ -147,6 +147,18 @@ class Amplifier(Component):
         yield self.pin_n.v == 0
 
 
+class PowerStage(Component):
+    """Amplifier with saturation, v = gain u between -v_max and v_max of its supply."""
+
+    pin = port(Pin, doc="output against ground")
+    u = signal("in", unit="V", doc="control voltage")
+    gain: Param = param(unit="1", default=1.0, doc="output voltage per control voltage")
+    v_max: Param = param(unit="V", default=24.0, min=0, doc="supply voltage")
+
+    def equations(self) -> Statements:
+        yield self.pin.v == ca.fmin(ca.fmax(self.gain * self.u, -self.v_max), self.v_max)
+
+
 class DCMotor(Component):
     """DC motor with permanent magnets, u = R i + L der(i) + k w, J der(w) = k i + tau_shaft.
 

@@ -57,8 +57,8 @@ class MassWithStopAndFriction(Component):
 
     flange_a = port(Flange, doc="left side")
     flange_b = port(Flange, doc="right side")
-    s = var(unit="m", state_select="always", doc="position of the middle")
-    v = var(unit="m/s", state_select="always", doc="speed")
+    s = var(unit="m", state_select="prefer", doc="position of the middle")
+    v = var(unit="m/s", state_select="prefer", doc="speed")
     a = var(unit="m/s2", doc="acceleration")
     f = var(unit="N", doc="force of the guide and of the stops, opposes v")
     mode = discrete(unit="1", doc="-1 moving backward, 0 stuck or held, 1 moving forward, 2 without friction")

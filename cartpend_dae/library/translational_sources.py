@@ -13,7 +13,7 @@ from cartpend_dae.language import Component, Param, Statements, der, initial, pa
 from cartpend_dae.library.rotational_sources import BESSEL_A, BESSEL_B
 from cartpend_dae.library.thermal import HeatPort
 from cartpend_dae.library.translational import Flange
-from cartpend_dae.switching import if_else
+from cartpend_dae.switching import both, if_else
 
 
 class Driven(Component):
@@ -200,3 +200,15 @@ class Accelerate(Moved):
         yield der(self.v) == self.a_ref
         yield initial(self.s == 0)
         yield initial(self.v == 0)
+
+
+class Push(Component):
+    """A push, flange.f = -f while t_0 <= time < t_0 + T, and 0 before and after."""
+
+    flange = port(Flange, doc="where it acts")
+    f: Param = param(unit="N", default=0.0, doc="force")
+    t_0: Param = param(unit="s", default=0.0, doc="when it begins")
+    T: Param = param(unit="s", default=0.1, doc="how long it lasts")
+
+    def equations(self) -> Statements:
+        yield self.flange.f == -if_else(both(time() >= self.t_0, time() < self.t_0 + self.T), self.f, 0.0)

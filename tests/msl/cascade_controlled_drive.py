@@ -4,7 +4,6 @@ from cartpend_dae.language import Component, Statements, connect, initial
 from cartpend_dae.library import controllers, rotational, signals
 
 SPEC = "Modelica.Clocked.Examples.CascadeControlledDrive.Continuous"
-EVENTS = (0.6666666666666666, 1.5707963267948966, 2.237462993461563)
 
 
 class CascadeControlledDrive(Component):

@@ -4,7 +4,6 @@ from cartpend_dae.language import Component, Statements, connect, initial
 from cartpend_dae.library import electrical, electrical_sources
 
 SPEC = "Modelica.Electrical.Analog.Examples.CauerLowPassAnalog"
-EVENTS = (1.0,)
 
 
 class CauerLowPassAnalog(Component):

@@ -4,7 +4,6 @@ from cartpend_dae.language import Component, Statements, connect, initial
 from cartpend_dae.library import rotational, sampled, signals
 
 SPEC = "Modelica.Clocked.Examples.SimpleControlledDrive.ClockedWithDiscreteController"
-EVENTS = ()
 PARTIAL = True  # there the blocks infer their clock
 
 

@@ -12,7 +12,6 @@ from cartpend_dae.library import (
 )
 
 SPEC = "Modelica.Electrical.Machines.Examples.DCMachines.DCPM_CurrentControlled"
-EVENTS = (0.1,)
 
 
 class DcpmCurrentControlled(Component):

@@ -4,7 +4,6 @@ from cartpend_dae.language import Component, Statements, connect, initial
 from cartpend_dae.library import electrical, machines, rotational, rotational_sources, signals
 
 SPEC = "Modelica.Electrical.Machines.Examples.DCMachines.DCPM_withLosses"
-EVENTS = (0.2, 1.0)
 
 
 class DcpmWithLosses(Component):

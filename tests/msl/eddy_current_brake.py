@@ -4,7 +4,6 @@ from cartpend_dae.language import Component, Statements, connect, initial
 from cartpend_dae.library import rotational, rotational_sources, thermal
 
 SPEC = "Modelica.Mechanics.Rotational.Examples.EddyCurrentBrake"
-EVENTS = ()
 
 
 class EddyCurrentBrake(Component):

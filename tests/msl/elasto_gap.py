@@ -4,7 +4,6 @@ from cartpend_dae.language import Component, Statements, connect, initial
 from cartpend_dae.library import translational, translational_parts
 
 SPEC = "Modelica.Mechanics.Translational.Examples.ElastoGap"
-EVENTS = ()
 
 
 class ElastoGap(Component):

@@ -4,7 +4,6 @@ from cartpend_dae.language import Component, Statements, connect, initial
 from cartpend_dae.library import rotational, signals
 
 SPEC = "Modelica.Mechanics.Rotational.Examples.First"
-EVENTS = ()
 
 
 class First(Component):

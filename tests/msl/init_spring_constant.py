@@ -4,7 +4,6 @@ from cartpend_dae.language import Component, Statements, connect, initial, unkno
 from cartpend_dae.library import planar, rotational
 
 SPEC = "Modelica.Mechanics.MultiBody.Examples.Elementary.InitSpringConstant"
-EVENTS = ()
 
 
 class InitSpringConstant(Component):

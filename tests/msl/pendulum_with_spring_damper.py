@@ -4,7 +4,6 @@ from cartpend_dae.language import Component, Statements, connect, initial
 from cartpend_dae.library import planar
 
 SPEC = "Modelica.Mechanics.MultiBody.Examples.Elementary.PendulumWithSpringDamper"
-EVENTS = ()
 
 
 class PendulumWithSpringDamper(Component):

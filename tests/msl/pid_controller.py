@@ -4,7 +4,6 @@ from cartpend_dae.language import Component, Statements, connect, der, initial
 from cartpend_dae.library import controllers, rotational, rotational_sources, signals
 
 SPEC = "Modelica.Blocks.Examples.PID_Controller"
-EVENTS = (0.5, 1.5, 2.0707963267948966, 3.0707963267948966)
 
 
 class PidController(Component):

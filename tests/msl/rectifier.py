@@ -6,7 +6,6 @@ from cartpend_dae.language import Component, Statements, connect, initial
 from cartpend_dae.library import electrical, electrical_sources, signals
 
 SPEC = "Modelica.Electrical.Analog.Examples.Rectifier"
-EVENTS = ()
 
 
 class Rectifier(Component):

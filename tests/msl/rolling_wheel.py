@@ -4,7 +4,6 @@ from cartpend_dae.language import Component, Statements, connect, initial
 from cartpend_dae.library import rotational, rotational_parts, rotational_sources, translational, translational_sources
 
 SPEC = "Modelica.Mechanics.Rotational.Examples.RollingWheel"
-EVENTS = (0.1,)
 
 
 class RollingWheel(Component):

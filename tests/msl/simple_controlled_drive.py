@@ -4,7 +4,6 @@ from cartpend_dae.language import Component, Statements, connect, initial
 from cartpend_dae.library import controllers, rotational, signals
 
 SPEC = "Modelica.Clocked.Examples.SimpleControlledDrive.Continuous"
-EVENTS = (2.0,)
 
 
 class SimpleControlledDrive(Component):

@@ -4,7 +4,6 @@ from cartpend_dae.language import Component, Statements, connect
 from cartpend_dae.library import signals
 
 SPEC = "Modelica.Blocks.Examples.SlewRateLimiter"
-EVENTS = (0.1,)
 
 
 class SlewRateLimiter(Component):

@@ -13,7 +13,6 @@ from cartpend_dae.library import (
 )
 
 SPEC = "Modelica.Electrical.Machines.Examples.ControlledDCDrives.SpeedControlledDCPM"
-EVENTS = (0.2, 0.8)
 PARTIAL = True
 RENAMED = {
     "armatureInverter.vDCFilter.y": "armatureInverter.v_dc_filter.y",

@@ -4,7 +4,6 @@ from cartpend_dae.language import Component, Statements, connect, initial
 from cartpend_dae.library import signals, translational, translational_friction
 
 SPEC = "Modelica.Mechanics.Translational.Examples.Friction"
-EVENTS = ()
 F_POS = (
     (0.0, 15.0),
     (0.2448979592, 11.37241229),
