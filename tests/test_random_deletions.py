@@ -123,7 +123,7 @@ def test_a_contradiction_of_start_values_names_what_is_started():
     model = break_model(make(), fault)
     stage, text = outcome(model)
     assert stage in ("start", "run")  # with events the search for a start is part of the run
-    assert re.search(r"equations of `fixed1` \(Fixed\), `mass1` \(Mass\) alone rule out .* for `mass1\.s`", text)
+    assert re.search(r"`fixed1` \(Fixed\), .*`mass1` \(Mass\).* alone rule out .* for `mass1\.s`", text)
 
 
 def test_a_start_at_the_pole_of_an_equation_names_where():
