@@ -3,7 +3,7 @@
 import casadi as ca
 
 from cartpend_dae.language import Component, Param, Statements, der, discrete, dry_friction, param, port, var
-from cartpend_dae.library.signals import check_table, through_points
+from cartpend_dae.library.friction import check_rows, interpolated
 from cartpend_dae.library.translational import Flange
 from cartpend_dae.switching import if_else, reinit, when
 
@@ -34,14 +34,14 @@ class SupportFriction(Component):
     peak: Param = param(unit="1", default=1.0, min=1, doc="largest force of sticking as a multiple of K(0)")
 
     def __post_init__(self) -> None:
-        check_table(type(self).__name__, self.f_pos, jumps=False)
+        check_rows(type(self).__name__, "f_pos", self.f_pos)
 
     def equations(self) -> Statements:
         yield self.flange_a.s == self.flange_b.s
         yield self.s == (self.flange_a.s - self.support.s if self.use_support else self.flange_a.s)
         yield self.v == der(self.s)
-        level = self.f_unit * through_points(self.f_pos, ca.fabs(self.v) / self.v_unit)
-        static = self.peak * self.f_unit * through_points(self.f_pos, ca.SX(0))
+        level = self.f_unit * interpolated(self.f_pos, ca.fabs(self.v) / self.v_unit)
+        static = self.peak * self.f_unit * interpolated(self.f_pos, ca.SX(0))
         yield self.f == dry_friction(self.v, level, static=static, mode=self.mode)
         yield self.flange_a.f + self.flange_b.f == self.f
         yield self.support.f == -self.f if self.use_support else self.support.s == 0
