@@ -8,9 +8,10 @@ import numpy as np
 from scipy import signal as filters
 
 from cartpend_dae.dae import parameter_vector
-from cartpend_dae.data import Channel, Experiment, noise_sd
+from cartpend_dae.data import Experiment, noise_sd
 from cartpend_dae.errors import ModelError
-from cartpend_dae.identify import estimate
+from cartpend_dae.identify import Fit, estimate
+from cartpend_dae.pieces import shorter
 from cartpend_dae.problem import dominant_frequency, make_problem
 from cartpend_dae.shooting import predict
 from cartpend_dae.study_schema import ScoreSpec
@@ -53,7 +54,7 @@ class Assessment:
 
 def assess(
     system: System,
-    values: Mapping[str, float],
+    fit: Fit,
     experiments: tuple[Experiment, ...],
     scores: tuple[ScoreSpec, ...] = (),
     *,
@@ -67,8 +68,8 @@ def assess(
     ----------
     system
         The assembled model.
-    values
-        Parameters by name, SI.
+    fit
+        The fit, whose parameters are used.
     experiments
         The runs, whatever their role.
     scores
@@ -81,12 +82,12 @@ def assess(
     measured
         Names under which outputs are reported, by the name in the model, where they differ.
     """
-    fixed = system_with(system, values)
-    runs = tuple(_run_error(fixed, experiment, bandwidth, step, measured or {}) for experiment in experiments)
+    in_run = {experiment.name: system_with(system, fit.values_in(experiment.name)) for experiment in experiments}
+    runs = tuple(_run_error(in_run[run.name], run, bandwidth, step, measured or {}) for run in experiments)
     found: dict[str, dict[str, float]] = {}
     for score in scores:
         found[score.name] = {
-            experiment.name: inverse_dynamics(fixed, experiment, score, measured or {}) for experiment in experiments
+            run.name: inverse_dynamics(in_run[run.name], run, score, measured or {}) for run in experiments
         }
     return Assessment(runs, found)
 
@@ -101,6 +102,7 @@ def system_with(system: System, values: Mapping[str, float]) -> System:
 def _run_error(
     system: System, experiment: Experiment, bandwidth: float, step: float | None, measured: Mapping[str, str]
 ) -> RunError:
+    experiment = replace(experiment, piece=None)
     problem = make_problem(system, (), (experiment,), step=step)
     start = _fitted_start(system, experiment, step)
     observer = bandwidth or 5 * dominant_frequency((experiment,))
@@ -132,21 +134,9 @@ def _fitted_start(system: System, experiment: Experiment, step: float | None) ->
     period = 2 * np.pi / max(dominant_frequency((experiment,)), 1e-12)
     n = int(np.searchsorted(experiment.time - experiment.time[0], period / 8))
     n = min(max(START_SAMPLES, n), experiment.time.size)
-    short = _cut(experiment, slice(0, n))
+    short = replace(shorter(experiment, slice(0, n)), piece=None)
     problem = make_problem(system, (), (short,), step=step)
     return estimate(problem).point
-
-
-def _cut(experiment: Experiment, part: slice) -> Experiment:
-    def shorter(channels: Mapping[str, Channel]) -> dict[str, Channel]:
-        return {name: replace(channel, values=channel.values[part]) for name, channel in channels.items()}
-
-    return replace(
-        experiment,
-        time=experiment.time[part],
-        inputs=shorter(experiment.inputs),
-        outputs=shorter(experiment.outputs),
-    )
 
 
 def _over_horizons(

@@ -17,7 +17,8 @@ class Friction:
     """Dry friction of a system in the form that sticking needs, all SX.
 
     The relative accelerations are ``free + influence @ force``; the speeds are `speed`, and each force
-    lies in ``[-level_neg, level_pos]``. Shapes (n_f, 1); influence (n_f, n_f).
+    lies in ``[-level_neg, level_pos]``, or in ``[-static_neg, static_pos]`` at rest. Shapes (n_f, 1); influence
+    (n_f, n_f).
     """
 
     speed: ca.SX
@@ -25,6 +26,8 @@ class Friction:
     influence: ca.SX
     level_pos: ca.SX
     level_neg: ca.SX
+    static_pos: ca.SX
+    static_neg: ca.SX
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,13 +111,19 @@ def friction_laws(system: System) -> Friction:
     """Return how the dry friction forces act on their own relative accelerations.
 
     The chain rule along the state equations gives d(speed)/dt; it is linear in the forces because
-    forces enter the equations of motion linearly.
+    forces enter the equations of motion linearly. Algebraic variables that depend on the forces are taken along
+    their tangent.
     """
     s, f = system, system.frictions
     rate = ca.jtimes(f.speed, s.x, s.ode) + ca.jacobian(f.speed, s.time)
-    influence = ca.densify(ca.jacobian(rate, f.force))
-    free = ca.substitute(rate, f.force, ca.SX.zeros(f.force.numel()))
-    return Friction(f.speed, free, influence, f.level_pos, f.level_neg)
+    influence = ca.jacobian(rate, f.force)
+    if s.z.numel() and ca.depends_on(rate, s.z) and ca.depends_on(s.alg, f.force):
+        through = ca.solve(ca.jacobian(s.alg, s.z), ca.densify(ca.jacobian(s.alg, f.force)))
+        influence = influence - ca.jacobian(rate, s.z) @ through
+    influence = ca.densify(influence)
+    zero = ca.SX.zeros(f.force.numel())
+    free = ca.substitute(rate, f.force, zero)
+    return Friction(f.speed, free, influence, f.level_pos, f.level_neg, f.static_pos, f.static_neg)
 
 
 def regularised(system: System, sharpness: ca.SX | float) -> ca.SX:

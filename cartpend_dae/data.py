@@ -44,15 +44,20 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """A start value [SI] and whether it is estimated; None for `value` keeps the model's."""
+    """A start value [SI] and whether it is estimated, with prior knowledge of the sd given; None keeps the model's."""
 
     value: float | None
     free: bool
+    sd: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Experiment:
-    """One recorded run in SI; `time` (n,) [s] increases strictly and starts as it was recorded."""
+    """One recorded run in SI; `time` (n,) [s] increases strictly and starts as it was recorded.
+
+    A `steady` one starts at rest, apart from what `start` gives; one with `piece` [s] is fitted in
+    pieces of that length.
+    """
 
     name: str
     role: Literal["train", "select", "test"]
@@ -62,6 +67,8 @@ class Experiment:
     start: Mapping[str, Start]
     score: Literal["free", "horizon", "innovation"]
     horizon: float | None
+    steady: bool = False
+    piece: float | None = None
 
 
 def load_experiment(spec: ExperimentSpec, units: Mapping[str, str]) -> Experiment:
@@ -98,12 +105,18 @@ def load_experiment(spec: ExperimentSpec, units: Mapping[str, str]) -> Experimen
         return _channel(spec, table, kept, entry, units[variable])
 
     start = {
-        variable: Start(_si_or_none(entry.guess if entry.value is None else entry.value, entry.unit), entry.is_free)
+        variable: Start(
+            _si_or_none(entry.guess if entry.value is None else entry.value, entry.unit),
+            entry.is_free,
+            None if entry.sd is None else float(si.to_si(entry.sd, entry.unit or units[variable], difference=True)),
+        )
         for variable, entry in spec.start.items()
     }
     inputs = {variable: channel(variable, entry) for variable, entry in spec.inputs.items()}
     outputs = {variable: channel(variable, entry) for variable, entry in spec.outputs.items()}
-    return Experiment(spec.name, spec.role, time, inputs, outputs, start, spec.score, spec.horizon)
+    return Experiment(
+        spec.name, spec.role, time, inputs, outputs, start, spec.score, spec.horizon, spec.steady, spec.piece
+    )
 
 
 def noise_sd(values: FloatArray) -> float:

@@ -2,27 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from cartpend_dae.errors import SolverError
+from cartpend_dae.pieces import run_of
 from cartpend_dae.problem import Problem, dominant_frequency
-from cartpend_dae.shooting import filtered_nodes, normal_equations, run_through, start_states
-from cartpend_dae.transcribe import Free, stack_data
-
-Status = Literal["ok", "at-bound", "unidentifiable", "fixed"]
-
-
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """An estimated quantity: value and standard deviation in SI units."""
-
-    name: str
-    value: float
-    sd: float
-    unit: str
-    status: Status
+from cartpend_dae.residual_noise import NoiseModel
+from cartpend_dae.shooting import filtered_nodes, run_from, run_through, scaled_values, sensitivities, start_states
+from cartpend_dae.transcribe import stack_data
+from cartpend_dae.uncertainty import Estimate, uncertainty
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,13 +29,17 @@ class RunFit:
 class Fit:
     """The outcome of an estimation.
 
-    `chi2` is the sum of squared residuals over the noise sds used as weights (`weights_sd`); `gram` and
-    `gradient` are the Gauss-Newton Hessian and gradient over parameters and free starts, scaled variables.
+    `chi2` is the sum of squared residuals over the noise sds used as weights (`weights_sd`); `covariance` is that of
+    parameters and free starts, SI; `noise` is what the residuals show, in units of `weights_sd`. `tied` are parameters
+    that follow from others, `blind` says along which directions the data leave the parameters open.
     """
 
     parameters: tuple[Estimate, ...]
     starts: tuple[Estimate, ...]
+    tied: tuple[Estimate, ...]
     covariance: np.ndarray
+    blind: tuple[str, ...]
+    noise: NoiseModel
     outputs: tuple[str, ...]
     noise_sd: np.ndarray
     weights_sd: np.ndarray
@@ -63,10 +56,31 @@ class Fit:
         """Estimated parameters by name, SI units."""
         return {estimate.name: estimate.value for estimate in self.parameters}
 
+    def values_in(self, run: str | None = None) -> dict[str, float]:
+        """Return what the model's parameters are in a run, ties included, SI units.
+
+        A parameter that each run has of its own is in any other run, and without one, what it is in the mean.
+        """
+        shared = {e.name: e.value for e in self.parameters if ":" not in e.name}
+        own: dict[str, dict[str, float]] = {}
+        for estimate in self.parameters:
+            group, colon, name = estimate.name.partition(":")
+            if colon:
+                own.setdefault(name, {})[group] = estimate.value
+        mean = {name: values.get(run or "", float(np.mean([*values.values()]))) for name, values in own.items()}
+        return shared | mean | {estimate.name: estimate.value for estimate in self.tied}
+
     @property
     def point(self) -> dict[str, float]:
         """Estimated parameters and free starts by name, SI units."""
         return self.values | {estimate.name: estimate.value for estimate in self.starts}
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlation matrix of parameters and free starts; NaN for what has no finite variance."""
+        sd = np.sqrt(np.diag(self.covariance))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return self.covariance / np.outer(sd, sd)
 
 
 def estimate(
@@ -102,16 +116,15 @@ def estimate(
     data = stack_data(layout, problem.experiments, 1.0 / weights_sd)
     w = np.full(len(problem.outputs), float(bandwidth))
     everything = problem.variables
-    values = np.array([(guess or {}).get(item.name, item.guess) / item.scale for item in everything])
-    lower = np.array([item.lower / item.scale for item in everything])
-    upper = np.array([item.upper / item.scale for item in everything])
-    values = np.clip(values, lower, upper)
+    lower = np.array([item.scaled(item.lower) for item in everything])
+    upper = np.array([item.scaled(item.upper) for item in everything])
+    values = np.clip(scaled_values(problem, guess or {}), lower, upper)
     follow = observer if observer is not None else max(bandwidth, dominant_frequency(problem.experiments) * 5)
     nodes = filtered_nodes(problem, values, np.full_like(w, follow), data)
     point = np.concatenate([values, nodes.ravel(order="F")])
     bound_low = np.concatenate([lower, np.full(nodes.size, -np.inf)])
     bound_high = np.concatenate([upper, np.full(nodes.size, np.inf)])
-    result = problem.programme.solver(
+    result = problem.programme(
         x0=point,
         p=np.concatenate([w, data.ravel(order="F")]),
         lbx=bound_low,
@@ -119,7 +132,7 @@ def estimate(
         lbg=0.0,
         ubg=0.0,
     )
-    stats = problem.programme.solver.stats()
+    stats = problem.programme.stats()
     solution = np.asarray(result["x"]).ravel()
     if not np.all(np.isfinite(solution)):
         raise SolverError(f"The fit of {problem.system.name} gave no finite parameters ({stats['return_status']}).")
@@ -134,78 +147,52 @@ def _outcome(
     weights_sd: np.ndarray,
     stats: dict,
 ) -> Fit:
-    layout = problem.layout
-    everything = problem.variables
+    layout, everything = problem.layout, problem.variables
     values = solution[: len(everything)]
-    errors, states = run_through(problem, values, w, data)
-    gram = normal_equations(problem, values, w, data)[0].sum(axis=0)
-    weight_rows = data[-len(problem.outputs) :]
-    n_residuals = int(np.count_nonzero(weight_rows))
-    chi2 = float(np.sum(errors**2))
-    per_channel = np.array(
-        [np.sum(errors[i] ** 2) / max(1, np.count_nonzero(weight_rows[i])) for i in range(len(errors))]
-    )
-    covariance, status = _covariance(gram, everything, values, chi2 / max(1, n_residuals - len(everything)))
-    scale = np.array([item.scale for item in everything])
-    covariance = covariance * np.outer(scale, scale)
-    estimates = tuple(
-        Estimate(item.name, float(values[i] * item.scale), float(np.sqrt(covariance[i, i])), item.unit, status[i])
-        for i, item in enumerate(everything)
-    )
-    runs = []
-    starts = start_states(problem, values)
-    for run, experiment in enumerate(problem.experiments):
-        part = slice(layout.first[run] * layout.length, layout.first[run] * layout.length + layout.run_lengths[run])
-        mask = weight_rows[:, part] > 0
-        residual = np.where(mask, errors[:, part] * weights_sd[:, None], np.nan).T
-        runs.append(RunFit(experiment.name, experiment.time, residual, states[:, part].T, starts[run]))
+    nodes = solution[len(everything) :].reshape(layout.n_state, -1, order="F")
     status_text = str(stats["return_status"])
+    success = status_text in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+    if not success:  # the segments of an unfinished solution do not join
+        nodes = run_through(problem, values, w, data)[1][:, :: layout.length]
+    _, states = run_from(problem, values, nodes, w, data)
+    found = sensitivities(problem, values, nodes, w, data)
+    is_measured = data[-len(problem.outputs) :].T > 0
+    by_run = _samples_by_run(problem)
+    parts = [part for _, part in by_run.values()]
+    residuals = np.where(is_measured, found.residuals, np.nan)
+    certain = uncertainty(problem, values, [residuals[part] for part in parts], [found.slopes[part] for part in parts])
+    starts = start_states(problem, values)
+    runs = tuple(
+        RunFit(name, data[0, part], residuals[part] * weights_sd, states[:, part].T, starts[first])
+        for name, (first, part) in by_run.items()
+    )
+    per_channel = np.nansum(residuals**2, axis=0) / np.maximum(1, is_measured.sum(axis=0))
     return Fit(
-        parameters=estimates[: len(layout.free)],
-        starts=estimates[len(layout.free) :],
-        covariance=covariance,
+        parameters=certain.estimates[: len(layout.free)],
+        starts=certain.estimates[len(layout.free) :],
+        tied=certain.tied,
+        covariance=certain.covariance,
+        blind=certain.blind,
+        noise=certain.noise,
         outputs=problem.outputs,
         noise_sd=weights_sd * np.sqrt(per_channel),
         weights_sd=weights_sd,
-        chi2=chi2,
-        n_residuals=n_residuals,
-        runs=tuple(runs),
+        chi2=float(np.nansum(residuals**2)),
+        n_residuals=int(is_measured.sum()),
+        runs=runs,
         bandwidth=w,
-        success=status_text in ("Solve_Succeeded", "Solved_To_Acceptable_Level"),
+        success=success,
         message=status_text,
         iterations=int(stats["iter_count"]),
     )
 
 
-def _covariance(
-    gram: np.ndarray, everything: tuple[Free, ...], values: np.ndarray, variance: float
-) -> tuple[np.ndarray, list[Status]]:
-    """Return the covariance of scaled variables, and what each is worth.
-
-    The inverse of the Gauss-Newton Hessian times the residual variance; directions that the data do not
-    see (relative singular value below 1e-10) have infinite variance. A variable on its bound is held there.
-    """
-    n = len(everything)
-    status: list[Status] = ["ok"] * n
-    inside = []
-    for i, item in enumerate(everything):
-        span = 1e-6 * max(1.0, abs(values[i]))
-        if values[i] <= item.lower / item.scale + span or values[i] >= item.upper / item.scale - span:
-            status[i] = "at-bound"
-        else:
-            inside.append(i)
-    covariance = np.zeros((n, n))
-    block = gram[np.ix_(inside, inside)]
-    size = np.sqrt(np.clip(np.diag(block), 1e-300, None))
-    eigenvalues, vectors = np.linalg.eigh(block / np.outer(size, size))
-    good = eigenvalues > 1e-10 * max(1.0, eigenvalues.max(initial=0.0))
-    inverse = (vectors[:, good] / eigenvalues[good]) @ vectors[:, good].T
-    covariance[np.ix_(inside, inside)] = variance * inverse / np.outer(size, size)
-    blind = np.flatnonzero((np.abs(vectors[:, ~good]) > 1e-3).any(axis=1)) if (~good).any() else []
-    for i in blind:
-        status[inside[i]] = "unidentifiable"
-        covariance[inside[i], inside[i]] = np.inf
-    for i, state in enumerate(status):
-        if state == "at-bound":
-            covariance[i, i] = np.nan
-    return covariance, status
+def _samples_by_run(problem: Problem) -> dict[str, tuple[int, np.ndarray]]:
+    """Return by the name of each run its first piece, and where its samples stand in the data."""
+    layout = problem.layout
+    found: dict[str, tuple[int, np.ndarray]] = {}
+    for k, (experiment, first, n) in enumerate(zip(problem.experiments, layout.first, layout.run_lengths, strict=True)):
+        name, samples = run_of(experiment), first * layout.length + np.arange(n)
+        begin, before = found.get(name, (k, np.zeros(0, dtype=int)))
+        found[name] = begin, np.concatenate([before, samples])
+    return found

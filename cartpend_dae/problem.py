@@ -1,6 +1,7 @@
 """What is to be estimated, on which runs, from where: checked against the model once, solved as often as needed."""
 
-from dataclasses import dataclass
+import itertools
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -11,12 +12,14 @@ from cartpend_dae.continuous import without_events
 from cartpend_dae.dae import parameter_vector
 from cartpend_dae.data import Experiment, noise_sd
 from cartpend_dae.errors import ModelError
-from cartpend_dae.initialize import initialize
 from cartpend_dae.language import Component
-from cartpend_dae.programme import Programme, programme
+from cartpend_dae.pieces import cut, run_of
+from cartpend_dae.programme import programme
 from cartpend_dae.singular import check_regular
+from cartpend_dae.starts import begin_function, run_start
 from cartpend_dae.system import System
-from cartpend_dae.transcribe import SEGMENT, Free, Layout, Passes, RunStart, interval_inputs, passes
+from cartpend_dae.transcribe import SEGMENT, Layout, Passes, RunStart, Slot, passes
+from cartpend_dae.unknowns import Free, Prior, Tie
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,8 @@ class Problem:
     experiments: tuple[Experiment, ...]
     outputs: tuple[str, ...]
     step: float | None = None
+    ties: tuple[Tie, ...] = ()
+    huber: float = np.inf
 
     @cached_property
     def layout(self) -> Layout:
@@ -36,9 +41,12 @@ class Problem:
         length = min(SEGMENT, max(lengths))
         counts = [-(-n // length) for n in lengths]
         first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(int)
+        free, slots = _by_run(self.free, self.experiments)
         return Layout(
             system=self.system,
-            free=self.free,
+            free=free,
+            slots=slots,
+            ties=self.ties,
             outputs=tuple(self.system.index_of(name) for name in self.outputs),
             output_names=self.outputs,
             substeps=_substeps(self),
@@ -46,6 +54,7 @@ class Problem:
             n_segments=int(sum(counts)),
             first=tuple(first.tolist()),
             run_lengths=tuple(lengths),
+            huber=self.huber,
         )
 
     @cached_property
@@ -56,17 +65,29 @@ class Problem:
     @cached_property
     def starts(self) -> tuple[RunStart, ...]:
         """How each run starts."""
-        return tuple(_run_start(self, experiment) for experiment in self.experiments)
+        p = parameter_vector(self.system, {item.name: item.guess for item in self.free})
+        return tuple(run_start(self.system, experiment, p) for experiment in self.experiments)
 
     @property
     def variables(self) -> tuple[Free, ...]:
         """All that is estimated: parameters, then the free starts of all runs."""
-        return self.free + tuple(item for start in self.starts for _, _, _, item in start.free)
+        return self.layout.free + tuple(item for start in self.starts for _, item in start.free)
 
     @cached_property
-    def programme(self) -> Programme:
-        """The nonlinear programme."""
-        return programme(self.layout, self.starts, self.functions)
+    def begins(self) -> tuple[ca.Function, ...]:
+        """The start state of each run as a function of (theta, free starts), scaled."""
+        return tuple(begin_function(self.layout, start) for start in self.starts)
+
+    @cached_property
+    def start_places(self) -> tuple[np.ndarray, ...]:
+        """Where the free starts of each run stand among the variables."""
+        counts = np.cumsum([len(self.layout.free), *(len(start.free) for start in self.starts)])
+        return tuple(np.arange(a, b) for a, b in itertools.pairwise(counts))
+
+    @cached_property
+    def programme(self) -> ca.Function:
+        """The solver of the nonlinear programme."""
+        return programme(self.layout, self.variables, self.begins, self.start_places, self.functions)
 
     @cached_property
     def prior_sd(self) -> np.ndarray:
@@ -80,6 +101,8 @@ def make_problem(
     experiments: tuple[Experiment, ...],
     *,
     step: float | None = None,
+    ties: tuple[Tie, ...] = (),
+    huber: float | None = None,
 ) -> Problem:
     """Check what is to be estimated against the model.
 
@@ -93,11 +116,15 @@ def make_problem(
         The runs to be fitted.
     step
         Longest step of the Runge-Kutta method [s]; chosen from the model's fastest motion if None.
+    ties
+        Parameters that follow from others; see `unknowns.tie`.
+    huber
+        Residuals beyond so many standard deviations count linearly; all count squared if None.
 
     Raises
     ------
     ModelError
-        For unknown names, or if there is nothing to fit.
+        For unknown names, contradictory ties, or if there is nothing to fit.
     """
     system = without_events(assemble(model), "An estimation")
     if not experiments:
@@ -110,6 +137,7 @@ def make_problem(
             f"{system.name} leaves {', '.join(f'`{name}`' for name in loose)} to the start of a simulation "
             f"(`unknown(...)`); an estimation needs a number in the model, or the parameter among the free ones."
         )
+    experiments = tuple(piece for experiment in experiments for piece in cut(experiment, system))
     outputs = tuple(dict.fromkeys(name for experiment in experiments for name in experiment.outputs))
     for name in outputs:
         system.index_of(name)
@@ -124,7 +152,35 @@ def make_problem(
             if name not in experiment.inputs and system.variables[system.index_of(name)].declaration.default is None:
                 raise ModelError(f"Run `{experiment.name}` gives no input `{name}`: name its column under `inputs`.")
     check_regular(system, parameter_vector(system, {item.name: item.guess for item in free}))
-    return Problem(system, free, experiments, outputs, step)
+    _check_ties(ties, free)
+    return Problem(system, free, experiments, outputs, step, ties, np.inf if huber is None else huber)
+
+
+def _check_ties(ties: tuple[Tie, ...], free: tuple[Free, ...]) -> None:
+    names = {item.name for item in free}
+    for tie in ties:
+        if tie.name in names:
+            raise ModelError(f"`{tie.name}` is tied to `{tie.text}` and free; it can be one of the two only.")
+        for other in ties:
+            if ca.depends_on(tie.value, other.symbol):
+                raise ModelError(
+                    f"The tie `{tie.text}` of `{tie.name}` names `{other.name}`, which is tied itself; "
+                    f"put `{other.text}` in its place."
+                )
+
+
+def _by_run(free: tuple[Free, ...], experiments: tuple[Experiment, ...]) -> tuple[tuple[Free, ...], tuple[Slot, ...]]:
+    """Give each run its own parameter where one is wanted, named `run:parameter`; pieces of a run share it."""
+    everything, slots = list[Free](), list[Slot]()
+    for item in free:
+        if not item.is_per_run:
+            slots.append(Slot(item.name, (len(everything),) * len(experiments)))
+            everything.append(item)
+            continue
+        groups = list(dict.fromkeys(run_of(experiment) for experiment in experiments))
+        slots.append(Slot(item.name, tuple(len(everything) + groups.index(run_of(e)) for e in experiments)))
+        everything += [replace(item, name=f"{group}:{item.name}") for group in groups]
+    return tuple(everything), tuple(slots)
 
 
 def free_parameter(
@@ -135,13 +191,33 @@ def free_parameter(
     lower: float | None = None,
     upper: float | None = None,
     scale: float | None = None,
+    is_log: bool = False,
+    prior: Prior | None = None,
+    is_per_run: bool = False,
 ) -> Free:
     """Return a free parameter; what is not given comes from the model's declaration (SI units).
+
+    Parameters
+    ----------
+    system
+        The assembled system.
+    name
+        The parameter.
+    guess, lower, upper
+        Start and bounds; the bounds of the model hold as well.
+    scale
+        Typical size; the guess, or the nominal value of the model, if None.
+    is_log
+        Whether its logarithm is estimated.
+    prior
+        What is known of it before.
+    is_per_run
+        Whether each run has a value of its own.
 
     Raises
     ------
     ModelError
-        If the model has no such independent parameter.
+        If the model has no such independent parameter, or no positive start on a logarithmic scale.
     """
     parameter = system.parameters[system.parameter_index(name)]
     declared = parameter.declaration
@@ -151,7 +227,9 @@ def free_parameter(
     low = -np.inf if declared.min is None and lower is None else max(x for x in (declared.min, lower) if x is not None)
     high = np.inf if declared.max is None and upper is None else min(x for x in (declared.max, upper) if x is not None)
     size = scale or abs(start) or declared.nominal or 1.0
-    return Free(name, float(start), float(low), float(high), float(size), declared.unit)
+    if is_log and not start > 0:
+        raise ModelError(f"`{name}` starts at {start:g} {declared.unit}; on a logarithmic scale it must be positive.")
+    return Free(name, float(start), float(low), float(high), float(size), declared.unit, is_log, prior, is_per_run)
 
 
 def _channel_sd(experiments: tuple[Experiment, ...], name: str) -> float:
@@ -176,92 +254,20 @@ def _substeps(problem: Problem) -> int:
     width = float(np.median(widths))
     if problem.step is not None:
         return max(1, int(np.ceil(width / problem.step - 1e-9)))
-    jacobian = ca.Function(
-        "jacobian",
-        [system.time, system.x, system.z, system.u, system.p, system.frictions.force],
-        [ca.jacobian(system.ode, system.x)],
-    )
+    slope = ca.jacobian(system.ode, system.x)
+    if system.algebraics:
+        slope -= ca.jacobian(system.ode, system.z) @ ca.solve(
+            ca.jacobian(system.alg, system.z), ca.densify(ca.jacobian(system.alg, system.x))
+        )
+    arguments = [system.time, system.x, system.z, system.u, system.p, system.frictions.force]
+    jacobian = ca.Function("jacobian", arguments, [slope])
     p = parameter_vector(system, {item.name: item.guess for item in problem.free})
-    x = problem.starts[0].x
-    zeros = [np.zeros(s.numel()) for s in (system.z, system.u)]
-    value = np.asarray(jacobian(0.0, x, *zeros, p, np.zeros(system.frictions.force.numel())))
+    start = problem.starts[0]
+    x, z = np.split(start.x, [system.x.numel()])
+    value = np.asarray(jacobian(start.time, x, z, start.u, p, np.zeros(system.frictions.force.numel())))
     fastest = float(np.abs(np.linalg.eigvals(value)).max(initial=0.0)) if value.size else 0.0
     limit = 0.03 if system.frictions.places else 0.25
     return int(np.clip(np.ceil(width * fastest / limit), 1, 100))
-
-
-def _run_start(problem: Problem, experiment: Experiment) -> RunStart:
-    """Fix the start states that the run or the model gives, and list those that are estimated."""
-    system = problem.system
-    p = parameter_vector(system, {item.name: item.guess for item in problem.free})
-    u = np.array([interval_inputs(experiment, system, name)[0][0] for name in system.inputs])
-    given: dict[str, float] = {}
-    for name, start in experiment.start.items():
-        value = start.value if start.value is not None else _start_guess(experiment, system, name)
-        if value is not None:
-            given[name] = value
-    begin = initialize(system, p, u, given, float(experiment.time[0]), unknown={})
-    model_values = _outputs_at(system, begin.x, begin.z, u, p, float(experiment.time[0]))
-    free = []
-    for name, start in experiment.start.items():
-        if not start.free:
-            continue
-        relation = system.state_relations.get(name)
-        if relation is None:
-            states = ", ".join(f"`{state}`" for state in system.states)
-            raise ModelError(
-                f"The start of `{name}` in run `{experiment.name}` cannot be free: it is not a state of the model or "
-                f"a multiple of one. The states are: {states}."
-            )
-        factor, offset = (
-            float(ca.Function("f", [system.p], [value])(p)) for value in (relation.factor, relation.offset)
-        )
-        guess = float(given.get(name, model_values[system.index_of(name)]) or 0.0)
-        scale = _start_scale(experiment, system, name, guess)
-        free.append(
-            (
-                relation.state,
-                factor,
-                offset,
-                Free(f"{experiment.name}:{name}", guess, -np.inf, np.inf, scale, system.unit_of(name)),
-            )
-        )
-    return RunStart(begin.x, tuple(free))
-
-
-def _outputs_at(system: System, x: np.ndarray, z: np.ndarray, u: np.ndarray, p: np.ndarray, time: float) -> np.ndarray:
-    function = ca.Function(
-        "outputs",
-        [system.time, system.x, system.z, system.u, system.p, system.frictions.force],
-        [system.outputs],
-    )
-    return np.asarray(function(time, x, z, u, p, np.zeros(system.frictions.force.numel()))).ravel()
-
-
-def _start_guess(experiment: Experiment, system: System, name: str) -> float | None:
-    """Guess a start value from the first samples of a measured position or of the position it is the rate of."""
-    if name in experiment.outputs:
-        known = experiment.outputs[name].values
-        return float(known[np.isfinite(known)][0])
-    relation = system.state_relations.get(name)
-    if relation is None:
-        return None
-    for measured, channel in experiment.outputs.items():
-        other = system.state_relations.get(measured)
-        if other is None or not ca.is_equal(system.ode[other.state], system.x[relation.state]):
-            continue
-        known = np.isfinite(channel.values)
-        times, values = experiment.time[known][:20], channel.values[known][:20]
-        p = system.parameter_values
-        ratio = float(ca.Function("f", [system.p], [relation.factor / other.factor])(p))
-        return float(np.polyfit(times - times[0], values, min(2, len(times) - 1))[-2]) * ratio
-    return None
-
-
-def _start_scale(experiment: Experiment, system: System, name: str, guess: float) -> float:
-    if name in experiment.outputs:
-        return max(abs(guess), float(np.nanstd(experiment.outputs[name].values)), 1e-9)
-    return max(abs(guess), 1e-2)
 
 
 def dominant_frequency(experiments: tuple[Experiment, ...]) -> float:

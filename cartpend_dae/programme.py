@@ -10,61 +10,85 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from cartpend_dae.transcribe import Layout, Passes, RunStart
+from cartpend_dae.transcribe import Layout, Passes
+from cartpend_dae.unknowns import Free
+
+# residuals are in standard deviations: a change of the cost by 1e-6 is far below any decision
+SETTINGS = {
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "print_time": False,
+    "show_eval_warnings": False,
+    "ipopt.tol": 1e-7,
+    "ipopt.acceptable_tol": 1e-5,
+    "ipopt.max_iter": 100,
+    "ipopt.mu_strategy": "adaptive",
+}
 
 
 @dataclass(frozen=True, slots=True)
-class Programme:
-    """The nonlinear programme: `solver` for IPOPT and the functions that evaluate a point of it.
+class _Map:
+    """Where the variables of a programme stand: global indices of theta (n_slots, n_segments), starts and nodes."""
 
-    Variables are theta (scaled), the free start values of all runs (scaled), and the start states of
-    all segments; the parameters are w and the data.
-    """
+    n: int
+    n_v: int
+    theta: np.ndarray
+    starts: tuple[np.ndarray, ...]
+    nodes: np.ndarray
 
-    layout: Layout
-    functions: Passes
-    starts: tuple[RunStart, ...]
-    solver: ca.Function
-    n_theta: int
-    n_start: int
+    @property
+    def local(self) -> np.ndarray:
+        """Variables of each segment, its node and then theta, shape (n_state + n_slots, n_segments)."""
+        return np.vstack([self.nodes, self.theta])
 
 
 def programme(
-    layout: Layout, starts: tuple[RunStart, ...], functions: Passes, options: dict[str, Any] | None = None
-) -> Programme:
-    """Set up the nonlinear programme with hand-made sparse derivatives.
+    layout: Layout,
+    variables: tuple[Free, ...],
+    begins: tuple[ca.Function, ...],
+    start_places: tuple[np.ndarray, ...],
+    functions: Passes,
+    *,
+    options: dict[str, Any] | None = None,
+) -> ca.Function:
+    """Return the solver of the nonlinear programme.
+
+    Its variables are those of `layout.free` (scaled), the free start values of all runs (scaled), and the start
+    states of all segments; its parameters are w and the data.
 
     Parameters
     ----------
     layout
         The structure of the problem.
-    starts
-        The start of each run.
+    variables
+        Parameters and free starts.
+    begins
+        The start state of each run as a function of (theta, free starts).
+    start_places
+        Where the free starts of each run stand among the variables.
     functions
         The passes of the layout.
     options
         More options for CasADi's `nlpsol`.
     """
-    n_x, n_p, n_y = layout.system.x.numel(), len(layout.free), len(layout.outputs)
-    n_s = sum(len(start.free) for start in starts)
-    m = layout.n_segments
-    n = n_p + n_s + n_x * m
-    v = ca.MX.sym("v", n)
+    places = _places(layout, start_places, len(variables))
+    n_y, m = len(layout.outputs), layout.n_segments
+    v = ca.MX.sym("v", places.n)
     n_rows = 2 + 2 * layout.system.u.numel() + 2 * n_y
     parameter = ca.MX.sym("p", n_y + n_rows * m * layout.length)
     w, data = parameter[:n_y], ca.reshape(parameter[n_y:], n_rows, m * layout.length)
-    theta, nodes = v[:n_p], ca.reshape(v[n_p + n_s :], n_x, m)
-    carried = ca.repmat(ca.vertcat(theta, w), 1, m)
+    theta, nodes = _pick(v, places.theta), _pick(v, places.nodes)
+    carried = ca.vertcat(theta, ca.repmat(w, 1, m))
     ends, cost = _evaluate_value(layout, functions, carried, nodes, data)
-    slopes = _evaluate_slope(layout, functions, carried, nodes, data)
-    g = ca.vertcat(
-        *_start_defects(layout, starts, v, nodes), ca.vec(ends[:, _inner(layout)] - _followers(layout, nodes))
-    )
-    f = ca.sum2(cost)
-    _, sensitivity, gram, gradient = slopes
-    grad_f = ca.vertcat(ca.sum2(gradient[n_x:, :]), ca.MX.zeros(n_s, 1), ca.vec(gradient[:n_x, :]))
-    jac_g = _jacobian(layout, starts, sensitivity, n)
-    hessian = _hessian(layout, gram, n, n_p + n_s)
+    _, sensitivity, gram, gradient = _evaluate_slope(layout, functions, carried, nodes, data)
+    inner = _inner(layout)
+    first, slopes = _start_defects(layout, places, begins, v, theta, nodes)
+    g = ca.vertcat(*first, ca.vec(ends[:, inner] - nodes[:, [k + 1 for k in inner]]))
+    prior, prior_slope, prior_curvature = _prior(variables, v)
+    f = ca.sum2(cost) + prior
+    grad_f = _added(gradient, places.local, places.n) + prior_slope
+    jac_g = _jacobian(layout, places, slopes, sensitivity)
+    hessian = _hessian(places, gram, prior_curvature)
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g.numel())
     hooks: dict[str, Any] = {
         "grad_f": ca.Function("nlp_grad_f", [v, parameter], [f, grad_f], ["x", "p"], ["f", "grad_f_x"]),
@@ -77,24 +101,23 @@ def programme(
             ["triu_hess_gamma_x_x"],
         ),
     }
-    quiet = {"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "show_eval_warnings": False}
-    # residuals are in standard deviations: a change of the cost by 1e-6 is far below any decision
-    settings = {
-        "ipopt.tol": 1e-7,
-        "ipopt.acceptable_tol": 1e-5,
-        "ipopt.max_iter": 100,
-        "ipopt.mu_strategy": "adaptive",
-    }
-    solver = ca.nlpsol(
-        "fit", "ipopt", {"x": v, "p": parameter, "f": f, "g": g}, hooks | quiet | settings | (options or {})
-    )
-    return Programme(layout, functions, starts, solver, n_p, n_s)
+    return ca.nlpsol("fit", "ipopt", {"x": v, "p": parameter, "f": f, "g": g}, hooks | SETTINGS | (options or {}))
+
+
+def _places(layout: Layout, start_places: tuple[np.ndarray, ...], n_v: int) -> _Map:
+    n_x, m = layout.n_state, layout.n_segments
+    nodes = n_v + np.arange(n_x * m).reshape(n_x, m, order="F")
+    return _Map(n_v + n_x * m, n_v, layout.owners[layout.runs].T, start_places, nodes)
+
+
+def _pick(v: ca.MX, index: np.ndarray) -> ca.MX:
+    return ca.reshape(v[index.ravel(order="F").tolist()], *index.shape)
 
 
 def _evaluate_value(
     layout: Layout, functions: Passes, carried: ca.MX, nodes: ca.MX, data: ca.MX
 ) -> tuple[ca.MX, ca.MX]:
-    m, n_x, n_c = layout.n_segments, layout.system.x.numel(), carried.size1()
+    m, n_x, n_c = layout.n_segments, layout.n_state, carried.size1()
     result = functions.value.map(m)(ca.vertcat(carried, nodes, ca.MX.zeros(1, m)), data)
     return result[n_c : n_c + n_x, :], result[n_c + n_x :, :]
 
@@ -102,8 +125,8 @@ def _evaluate_value(
 def _evaluate_slope(
     layout: Layout, functions: Passes, carried: ca.MX, nodes: ca.MX, data: ca.MX
 ) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
-    """Return ends (n_x, m), sensitivities (n_x * size, m), Gram matrices (size^2, m) and gradients (size, m)."""
-    m, n_x, n_p, n_c = layout.n_segments, layout.system.x.numel(), len(layout.free), carried.size1()
+    """Return ends (n_state, m), sensitivities (n_state * size, m), Gram matrices (size^2, m), gradients (size, m)."""
+    m, n_x, n_p, n_c = layout.n_segments, layout.n_state, len(layout.slots), carried.size1()
     size = n_x + n_p
     seeds = ca.DM(np.hstack([np.eye(n_x), np.zeros((n_x, n_p))]))
     constant = ca.repmat(ca.vertcat(ca.vec(seeds), ca.DM.zeros(size * size + size, 1)), 1, m)
@@ -116,77 +139,82 @@ def _inner(layout: Layout) -> list[int]:
     return [k for k in range(layout.n_segments) if k + 1 < layout.n_segments and k + 1 not in layout.first]
 
 
-def _followers(layout: Layout, nodes: ca.MX) -> ca.MX:
-    return nodes[:, [k + 1 for k in _inner(layout)]]
+def _start_defects(
+    layout: Layout, places: _Map, begins: tuple[ca.Function, ...], v: ca.MX, theta: ca.MX, nodes: ca.MX
+) -> tuple[list[ca.MX], list[ca.MX]]:
+    """Return node - begin of each run, and the slopes of begin in (theta, free starts)."""
+    defects, slopes = [], []
+    for begin, first, free in zip(begins, layout.first, places.starts, strict=True):
+        arguments = theta[:, first], v[free.tolist()]
+        value = begin(*arguments)
+        defects.append(nodes[:, first] - value)
+        jacobians = begin.jacobian()(*arguments, ca.MX(*value.shape))
+        slopes.append(ca.densify(ca.horzcat(*jacobians)))
+    return defects, slopes
 
 
-def _start_defects(layout: Layout, starts: tuple[RunStart, ...], v: ca.MX, nodes: ca.MX) -> list[ca.MX]:
-    defects, position = [], len(layout.free)
-    for start, first in zip(starts, layout.first, strict=True):
-        x = ca.MX(ca.DM(start.x))
-        for state, factor, offset, free in start.free:
-            x[state] = (v[position] * free.scale - offset) / factor
-            position += 1
-        defects.append(nodes[:, first] - x)
-    return defects
+def _prior(everything: tuple[Free, ...], v: ca.MX) -> tuple[ca.MX, ca.MX, dict[int, ca.MX]]:
+    """Return the cost of what was known before, its gradient (n, 1), and its curvature by variable."""
+    cost, gradient, curvature = ca.MX(0), ca.MX.zeros(v.numel()), {}
+    for i, item in enumerate(everything):
+        if item.prior is None:
+            continue
+        slope = (ca.exp(v[i]) if item.is_log else 1) * item.scale / item.prior.sd
+        error = (item.value(v[i]) - item.prior.value) / item.prior.sd
+        cost += error**2 / 2
+        gradient[i] = slope * error
+        curvature[i] = slope**2
+    return cost, gradient, curvature
 
 
-def _jacobian(layout: Layout, starts: tuple[RunStart, ...], sensitivity: ca.MX, n: int) -> ca.MX:
+def _added(values: ca.MX, index: np.ndarray, n: int) -> ca.MX:
+    """Return a vector (n, 1) in which each value stands at its index, those with the same index added."""
+    flat = index.ravel(order="F")
+    order = np.argsort(flat, kind="stable")
+    select = ca.DM(ca.Sparsity.triplet(n, flat.size, flat[order].tolist(), order.tolist()), 1.0)
+    return ca.mtimes(ca.MX(select), ca.vec(values))
+
+
+def _jacobian(layout: Layout, places: _Map, slopes: list[ca.MX], sensitivity: ca.MX) -> ca.MX:
     """Place the sensitivities of the segments into the sparse Jacobian of the constraints.
 
     Rows are the start defects of the runs, then the joints after the segments that another one follows.
     """
-    n_x, n_p = layout.system.x.numel(), len(layout.free)
-    n_v = n - n_x * layout.n_segments
-    inner, states = np.array(_inner(layout), dtype=int), np.arange(n_x)
-    n_runs = len(starts)
-    constants: list[tuple[int, int, float]] = []
-    position = n_p
-    for run, (start, first) in enumerate(zip(starts, layout.first, strict=True)):
-        constants += [(run * n_x + i, n_v + first * n_x + i, 1.0) for i in range(n_x)]
-        for state, factor, _, free in start.free:
-            constants.append((run * n_x + state, position, -free.scale / factor))
-            position += 1
-    for count, k in enumerate(inner.tolist()):
-        constants += [((n_runs + count) * n_x + i, n_v + (k + 1) * n_x + i, -1.0) for i in range(n_x)]
-    columns = np.hstack([n_v + inner[:, None] * n_x + states, np.tile(np.arange(n_p), (len(inner), 1))])
-    rows = (n_runs + np.arange(len(inner)))[:, None] * n_x + states
-    all_rows = np.broadcast_to(rows[:, None, :], (len(inner), n_x + n_p, n_x))
-    all_columns = np.broadcast_to(columns[:, :, None], all_rows.shape)
-    return _sparse(
-        np.concatenate([[c[0] for c in constants], all_rows.ravel()]),
-        np.concatenate([[c[1] for c in constants], all_columns.ravel()]),
-        ca.vertcat(ca.MX(ca.DM([c[2] for c in constants])), ca.vec(sensitivity[:, inner.tolist()])),
-        ((n_runs + len(inner)) * n_x, n),
-    )
+    n_x, inner = layout.n_state, np.array(_inner(layout), dtype=int)
+    n_runs, states = len(slopes), np.arange(n_x)
+    rows, columns, values = [], [], []
+    for run, (slope, first, free) in enumerate(zip(slopes, layout.first, places.starts, strict=True)):
+        into = np.concatenate([places.theta[:, first], free])
+        rows += [run * n_x + states, np.tile(run * n_x + states, into.size)]
+        columns += [places.nodes[:, first], np.repeat(into, n_x)]
+        values += [ca.MX.ones(n_x), -ca.vec(slope)]
+    if inner.size:
+        joint = (n_runs + np.arange(inner.size)) * n_x
+        at = (joint[None, :] + states[:, None]).ravel(order="F")
+        rows.append(at)
+        columns.append(places.nodes[:, inner + 1].ravel(order="F"))
+        values.append(-ca.MX.ones(at.size))
+        local = places.local[:, inner]
+        rows.append(np.broadcast_to(joint + states[:, None, None], (n_x, *local.shape)).ravel(order="F"))
+        columns.append(np.broadcast_to(local, (n_x, *local.shape)).ravel(order="F"))
+        values.append(ca.vec(sensitivity[:, inner.tolist()]))
+    shape = ((n_runs + inner.size) * n_x, places.n)
+    return _sparse(np.concatenate(rows), np.concatenate(columns), ca.vertcat(*values), shape)
 
 
 def _sparse(rows: np.ndarray, columns: np.ndarray, values: ca.MX, shape: tuple[int, int]) -> ca.MX:
-    """Make a sparse matrix of values at (row, column), each pair once."""
-    order = np.lexsort((rows, columns))
-    sparsity = ca.Sparsity.triplet(shape[0], shape[1], rows.astype(int).tolist(), columns.astype(int).tolist())
-    return ca.sparsity_cast(values[order.tolist()], sparsity)
+    """Make a sparse matrix of values at (row, column); those at the same place are added."""
+    keys, inverse = np.unique(columns.astype(int) * shape[0] + rows.astype(int), return_inverse=True)
+    sparsity = ca.Sparsity.triplet(shape[0], shape[1], (keys % shape[0]).tolist(), (keys // shape[0]).tolist())
+    return ca.sparsity_cast(_added(values, inverse, keys.size), sparsity)
 
 
-def _hessian(layout: Layout, gram: ca.MX, n: int, n_v: int) -> ca.MX:
-    """Place the Gram matrices (columns of `gram`): parameters summed over segments, each node by itself."""
-    n_x, n_p, m = layout.system.x.numel(), len(layout.free), layout.n_segments
-    size = n_x + n_p
-    index = np.arange(size * size).reshape(size, size, order="F")
-    i, j = np.meshgrid(np.arange(n_p), np.arange(n_p), indexing="ij")
-    summed = ca.sum2(gram)[index[n_x + i, n_x + j].ravel().tolist()]
-    rows, columns, picks = [i.ravel()], [j.ravel()], []
-    local_i, local_j = np.meshgrid(np.arange(size), np.arange(size), indexing="ij")
-    keep = (local_i < n_x) | (local_j < n_x)
-    local_i, local_j = local_i[keep], local_j[keep]
-    for k in range(m):
-        rows.append(_place(local_i, k, n_x, n_v))
-        columns.append(_place(local_j, k, n_x, n_v))
-        picks.append(k * size * size + index[local_i, local_j])
-    values = ca.vertcat(summed, ca.vec(gram)[np.concatenate(picks).tolist()])
-    return _sparse(np.concatenate(rows), np.concatenate(columns), values, (n, n))
-
-
-def _place(local: np.ndarray, segment: int, n_x: int, n_v: int) -> np.ndarray:
-    """Return the variables of a segment's own order: its node first, then the parameters."""
-    return np.where(local < n_x, n_v + segment * n_x + local, local - n_x)
+def _hessian(places: _Map, gram: ca.MX, prior: dict[int, ca.MX]) -> ca.MX:
+    """Place the Gram matrices (columns of `gram`) of the segments, and the curvature of what was known before."""
+    local = places.local
+    size = local.shape[0]
+    rows = np.tile(local, (size, 1)).ravel(order="F")
+    columns = np.repeat(local, size, axis=0).ravel(order="F")
+    known = np.array(list(prior), dtype=int)
+    values = ca.vertcat(ca.vec(gram), *prior.values())
+    return _sparse(np.concatenate([rows, known]), np.concatenate([columns, known]), values, (places.n, places.n))

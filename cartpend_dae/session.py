@@ -28,6 +28,7 @@ from cartpend_dae.language import Component
 from cartpend_dae.problem import make_problem
 from cartpend_dae.study import FreeParameter, Study, load_model, load_study, parameter_in_si
 from cartpend_dae.system import Parameter, System
+from cartpend_dae.unknowns import Prior, tie
 
 Report = Callable[[str, str, float], None]
 
@@ -72,7 +73,7 @@ def open_study(path: Path | str, *, needs_runs: bool = True) -> Opened:
         raise StudyError(f"{study.path}: the study has no [[experiment]], so there is nothing to fit; add a run.")
     model = load_model(study.model)
     system = assemble(model)
-    free, fixed, findings = _parameters(study, system)
+    free, fixed, ties, findings = _parameters(study, system)
     if fixed:
         set_values(model, fixed)
         system = assemble(model)
@@ -89,7 +90,7 @@ def open_study(path: Path | str, *, needs_runs: bool = True) -> Opened:
         study=study,
         model=model,
         system=system,
-        setup=Setup(model, free, train, select, test, study.scores, study.identify.step),
+        setup=Setup(model, free, train, select, test, study.scores, study.identify.step, ties, study.identify.huber),
         fixed=tuple(q for q in system.parameters if q.name in fixed),
         cards=cards,
         places=study.discover.places,
@@ -157,12 +158,20 @@ def _silent(stage: str, label: str, error: float) -> None:
     return None
 
 
-def _parameters(study: Study, system: System) -> tuple[tuple[FreeSpec, ...], dict[str, float], list[str]]:
+_Ties = tuple[tuple[str, str], ...]
+
+
+def _parameters(study: Study, system: System) -> tuple[tuple[FreeSpec, ...], dict[str, float], _Ties, list[str]]:
     free: list[FreeSpec] = []
     fixed: dict[str, float] = {}
+    ties: list[tuple[str, str]] = []
     findings: list[str] = []
     for given in study.parameters:
         try:
+            if given.tie is not None:
+                tie(system, given.name, given.tie)
+                ties.append((given.name, given.tie))
+                continue
             declared = system.parameters[system.parameter_index(given.name)]
             entry = parameter_in_si(given, declared.declaration.unit)
         except (ModelError, StudyError) as error:
@@ -171,12 +180,13 @@ def _parameters(study: Study, system: System) -> tuple[tuple[FreeSpec, ...], dic
         if wrong := _outside(entry, declared):
             findings.append(f'{study.path}: `parameters."{given.name}"` {wrong}')
         elif not entry.fixed:
-            free.append(FreeSpec(entry.name, entry.guess, entry.min, entry.max))
+            prior = None if entry.prior is None else Prior(*entry.prior)
+            free.append(FreeSpec(entry.name, entry.guess, entry.min, entry.max, entry.is_log, prior, entry.is_per_run))
         elif entry.guess is not None:
             fixed[entry.name] = entry.guess
         elif declared.value is not None:
             fixed[entry.name] = declared.value
-    return tuple(free), fixed, findings
+    return tuple(free), fixed, tuple(ties), findings
 
 
 def _outside(entry: FreeParameter, declared: Parameter) -> str:
@@ -187,6 +197,8 @@ def _outside(entry: FreeParameter, declared: Parameter) -> str:
     guess = declared.value if entry.guess is None else entry.guess
     if not low < high:
         return f"leaves nothing between its bounds: [{low:g}, {high:g}] {d.unit} together with those of the model."
+    if entry.is_log and guess is not None and not guess > 0:
+        return f"is estimated on a logarithmic scale, and starts at {guess:g} {d.unit}; give a positive `guess`."
     if guess is not None and not low <= guess <= high:
         whose = "the value of the model" if entry.guess is None else "the guess"
         bounds = f"[{low:g}, {high:g}] of study and model"

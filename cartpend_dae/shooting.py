@@ -4,14 +4,12 @@ import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 
-from cartpend_dae.dae import parameter_vector
 from cartpend_dae.errors import SolverError
 from cartpend_dae.problem import Problem
-from cartpend_dae.stepping import runge_kutta
-from cartpend_dae.transcribe import Free, stack_data
+from cartpend_dae.transcribe import stack_data
+from cartpend_dae.unknowns import Free
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,50 +22,68 @@ class Linearisation:
     gradients: np.ndarray
 
 
+@dataclass(frozen=True, slots=True)
+class Sensitivities:
+    """Weighted residuals (n, n_y) of all segments and their derivatives (n, n_y, n_all) in the scaled variables."""
+
+    residuals: np.ndarray
+    slopes: np.ndarray
+
+
 def start_states(problem: Problem, values: np.ndarray) -> list[np.ndarray]:
-    """Return the start state of each run, shape (n_x,) each, for scaled variables (n,)."""
-    position, found = len(problem.layout.free), []
-    for start in problem.starts:
-        x = start.x.copy()
-        for state, factor, offset, free in start.free:
-            x[state] = (values[position] * free.scale - offset) / factor
-            position += 1
-        found.append(x)
-    return found
+    """Return the start state of each run, shape (n_state,) each, for scaled variables (n_all,)."""
+    return [
+        np.asarray(begin(values[theta], values[free])).ravel()
+        for begin, theta, free in zip(problem.begins, problem.layout.owners, problem.start_places, strict=True)
+    ]
 
 
-def _start_slopes(problem: Problem, n_all: int) -> list[np.ndarray]:
-    """Return d(start state)/d(scaled variables) of each run, shape (n_x, n_all)."""
-    position, found = len(problem.layout.free), []
-    for start in problem.starts:
-        slope = np.zeros((start.x.size, n_all))
-        for state, factor, _, free in start.free:
-            slope[state, position] = free.scale / factor
-            position += 1
+def _start_slopes(problem: Problem, values: np.ndarray) -> list[np.ndarray]:
+    """Return d(start state)/d(scaled variables) of each run, shape (n_state, n_all)."""
+    found = []
+    for begin, theta, free in zip(problem.begins, problem.layout.owners, problem.start_places, strict=True):
+        slope = np.zeros((begin.numel_out(0), values.size))
+        parts = begin.jacobian()(values[theta], values[free], np.zeros(begin.numel_out(0)))
+        for columns, part in zip((theta, free), parts, strict=True):
+            slope[:, columns] = np.asarray(part)
         found.append(slope)
     return found
 
 
+def carried_on(problem: Problem, values: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Return what each segment carries, theta and w, shape (n_slots + n_y, n_segments)."""
+    theta = values[problem.layout.owners][problem.layout.runs]
+    return np.vstack([theta.T, np.tile(w[:, None], problem.layout.n_segments)])
+
+
 def run_through(problem: Problem, values: np.ndarray, w: np.ndarray, data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Run through all data from the start states; return weighted residuals (n_y, n) and states (n_x, n)."""
+    """Run through all data from the start states; return weighted residuals (n_y, n) and states (n_state, n)."""
     layout = problem.layout
-    n_c, n_x = len(layout.free) + w.size, layout.system.x.numel()
-    carried = np.concatenate([values[: len(layout.free)], w])
+    carried = carried_on(problem, values, w)
     errors, states = [], []
     begin = dict(zip(layout.first, start_states(problem, values), strict=True))
-    x = np.zeros(n_x)
+    x = np.zeros(layout.n_state)
     for k in range(layout.n_segments):
         x = begin.get(k, x)
         block = data[:, k * layout.length : (k + 1) * layout.length]
-        after, error, state = problem.functions.series(np.concatenate([carried, x]), block)
-        x = np.asarray(after)[n_c:, -1]
+        after, error, state = problem.functions.series(np.concatenate([carried[:, k], x]), block)
+        x = np.asarray(after)[len(carried) :, -1]
         errors.append(np.asarray(error))
         states.append(np.asarray(state))
     return np.hstack(errors), np.hstack(states)
 
 
+def run_from(
+    problem: Problem, values: np.ndarray, nodes: np.ndarray, w: np.ndarray, data: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Run through each segment from its own start in `nodes` (n_state, n_segments); returns as `run_through`."""
+    packed = np.vstack([carried_on(problem, values, w), nodes])
+    _, errors, states = problem.functions.series.map(problem.layout.n_segments)(packed, data)
+    return np.asarray(errors), np.asarray(states)
+
+
 def filtered_nodes(problem: Problem, values: np.ndarray, w: np.ndarray, data: np.ndarray) -> np.ndarray:
-    """Filter the start state of each segment from the data, shape (n_x, n_segments)."""
+    """Filter the start state of each segment from the data, shape (n_state, n_segments)."""
     layout = problem.layout
     _, states = run_through(problem, values, w, data)
     nodes = states[:, :: layout.length]
@@ -76,6 +92,45 @@ def filtered_nodes(problem: Problem, values: np.ndarray, w: np.ndarray, data: np
             f"{problem.system.name} cannot be simulated with the start values of the parameters: it diverges."
         )
     return nodes
+
+
+def sensitivities(
+    problem: Problem, values: np.ndarray, nodes: np.ndarray, w: np.ndarray, data: np.ndarray
+) -> Sensitivities:
+    """Return the residuals of each sample and their derivatives in all variables, segments joined.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    values
+        Scaled variables (n_all,).
+    nodes
+        Start of each segment (n_state, n_segments).
+    w
+        Bandwidth of the output injection of each output [rad/s].
+    data
+        The samples, see `stack_data`.
+    """
+    layout = problem.layout
+    n_x, n_p, n_y, m = layout.n_state, len(layout.slots), len(layout.outputs), layout.n_segments
+    size = n_x + n_p
+    seeds = np.hstack([np.eye(n_x), np.zeros((n_x, n_p))]).ravel(order="F")
+    packed = np.vstack([carried_on(problem, values, w), nodes, np.tile(seeds[:, None], m)])
+    after, rows = (np.asarray(part) for part in problem.functions.rows.map(m)(packed, data))
+    ends = after[-n_x * size :, layout.length - 1 :: layout.length]
+    begin = dict(zip(layout.first, _start_slopes(problem, values), strict=True))
+    slope = np.zeros((n_x, values.size))
+    residuals = rows[:n_y].T
+    local = rows[n_y:].T.reshape(-1, size, n_y).transpose(0, 2, 1)
+    found = np.zeros((residuals.shape[0], n_y, values.size))
+    for k in range(m):
+        slope = begin.get(k, slope)
+        to_local = np.vstack([slope, np.eye(values.size)[layout.owners[layout.runs[k]]]])
+        part = slice(k * layout.length, (k + 1) * layout.length)
+        found[part] = local[part] @ to_local
+        slope = ends[:, k].reshape(n_x, size, order="F") @ to_local
+    return Sensitivities(residuals, found)
 
 
 def predict(
@@ -95,7 +150,7 @@ def predict(
         Samples at which a free simulation starts again from the state that the injection has filtered;
         without any, the prediction itself is filtered.
     """
-    values = np.array([point.get(item.name, item.guess) / item.scale for item in problem.variables])
+    values = scaled_values(problem, point)
     data = stack_data(problem.layout, problem.experiments, np.ones(len(problem.outputs)))
     w = np.full(len(problem.outputs), float(bandwidth))
     n = problem.experiments[0].time.size
@@ -104,27 +159,29 @@ def predict(
     states = run_through(problem, values, w, data)[1][:, :n]
     if restarts:
         states = _free_pieces(problem, values, data, states, restarts)
-    system, layout = problem.system, problem.layout
-    p = parameter_vector(system, {item.name: values[i] * item.scale for i, item in enumerate(layout.free)})
-    outputs = ca.Function(
-        "measured",
-        [system.time, system.x, system.u, system.p, system.frictions.force],
-        [system.outputs[list(layout.outputs)]],
-    ).map(n)
-    n_u = system.u.numel()
-    forces = np.zeros((system.frictions.force.numel(), n))
-    result = outputs(data[:1, :n], states, data[2 : 2 + n_u, :n], np.tile(p[:, None], n), forces)
-    return np.asarray(result).T.reshape(measured.shape)
+    layout, n_u = problem.layout, problem.system.u.numel()
+    p = parameters_of_run(problem, values, 0)
+    outputs = problem.functions.step.measure.map(n)
+    result = outputs(data[:1, :n], data[1:2, :n], states, data[2 : 2 + n_u, :n], np.tile(p[:, None], n))
+    return np.asarray(result)[list(layout.outputs)].T.reshape(measured.shape)
+
+
+def scaled_values(problem: Problem, point: Mapping[str, float]) -> np.ndarray:
+    """Return the scaled variables (n_all,) of parameters and free starts by name, SI; else the guesses."""
+    return np.array([item.scaled(point.get(item.name, item.guess)) for item in problem.variables])
+
+
+def parameters_of_run(problem: Problem, values: np.ndarray, run: int) -> np.ndarray:
+    """Return all parameters of the system in a run, shape (n_p,), SI."""
+    return np.asarray(problem.functions.parameters(values[problem.layout.owners[run]])).ravel()
 
 
 def _free_pieces(
     problem: Problem, values: np.ndarray, data: np.ndarray, states: np.ndarray, restarts: tuple[int, ...]
 ) -> np.ndarray:
     """Simulate freely between restarts, each from the state given there."""
-    step = runge_kutta(problem.system, substeps=problem.layout.substeps).function
-    p = parameter_vector(
-        problem.system, {item.name: values[i] * item.scale for i, item in enumerate(problem.layout.free)}
-    )
+    step = problem.functions.step.function
+    p = parameters_of_run(problem, values, 0)
     n, n_u = states.shape[1], problem.system.u.numel()
     free = states.copy()
     edges = [*restarts, n]
@@ -154,30 +211,29 @@ def normal_equations(
     so that their sums are those of single shooting.
     """
     layout = problem.layout
-    n_x, n_p = layout.system.x.numel(), len(layout.free)
+    n_x, n_p = layout.n_state, len(layout.slots)
     size, n_all = n_x + n_p, values.size
-    n_c = n_p + w.size
-    carried = np.concatenate([values[:n_p], w])
+    carried = carried_on(problem, values, w)
+    n_c = len(carried)
     seeds = np.hstack([np.eye(n_x), np.zeros((n_x, n_p))])
     grams, gradients = np.zeros((layout.n_segments, n_all, n_all)), np.zeros((layout.n_segments, n_all))
     begin = dict(
         zip(
             layout.first,
-            zip(start_states(problem, values), _start_slopes(problem, n_all), strict=True),
+            zip(start_states(problem, values), _start_slopes(problem, values), strict=True),
             strict=True,
         )
     )
     x, slope = np.zeros(n_x), np.zeros((n_x, n_all))
-    theta_rows = np.eye(n_p, n_all)
     for k in range(layout.n_segments):
         x, slope = begin.get(k, (x, slope))
         block = data[:, k * layout.length : (k + 1) * layout.length]
-        packed = np.concatenate([carried, x, seeds.ravel(order="F"), np.zeros(size * size + size)])
+        packed = np.concatenate([carried[:, k], x, seeds.ravel(order="F"), np.zeros(size * size + size)])
         out = np.asarray(problem.functions.slope(packed, block)).ravel()[n_c:]
         x = out[:n_x]
         step = out[n_x : n_x + n_x * size].reshape(n_x, size, order="F")
         local = out[n_x + n_x * size :][: size * size].reshape(size, size, order="F")
-        to_local = np.vstack([slope, theta_rows])
+        to_local = np.vstack([slope, np.eye(n_all)[layout.owners[layout.runs[k]]]])
         grams[k] = to_local.T @ local @ to_local
         gradients[k] = to_local.T @ out[-size:]
         slope = step @ to_local
@@ -198,9 +254,8 @@ def linearised(problem: Problem, point: Mapping[str, float], bandwidth: float, s
     sd
         Noise used as weight, shape (n_y,).
     """
-    everything = problem.variables
-    values = np.array([point.get(item.name, item.guess) / item.scale for item in everything])
+    values = scaled_values(problem, point)
     data = stack_data(problem.layout, problem.experiments, 1.0 / sd)
     w = np.full(len(problem.outputs), float(bandwidth))
     grams, gradients = normal_equations(problem, values, w, data)
-    return Linearisation(everything, values, grams, gradients)
+    return Linearisation(problem.variables, values, grams, gradients)

@@ -229,11 +229,13 @@ def _fixed_steps(begin: Begin, driven: DrivenInputs, grid: np.ndarray, step: flo
     left = input_values(inputs, times[:-1], inputs.left)
     right = input_values(inputs, times[1:], inputs.left + inputs.slope * widths)
     run = runge_kutta(system).function.mapaccum("run", widths.size, ["x"], ["x_next"])
-    result = run(t=times[:-1], h=widths, x=begin.x, u_a=left, u_b=right, p=np.tile(p[:, None], widths.size))
-    x = np.column_stack([begin.x, np.asarray(result["x_next"])])
+    start = np.concatenate([begin.x, begin.z])
+    result = run(t=times[:-1], h=widths, x=start, u_a=left, u_b=right, p=np.tile(p[:, None], widths.size))
+    x = np.column_stack([start, np.asarray(result["x_next"])])
     if not np.all(np.isfinite(x)):
         first = times[int(np.flatnonzero(~np.isfinite(x).all(axis=0))[0])]
         raise SolverError(
             f"{system.name}: rk4 with step {step:g} s is unstable: not finite from {first:g} s on; use a smaller step."
         )
-    return Run(x[:, where], np.zeros((0, grid.size)), None)
+    x, z = np.vsplit(x[:, where], [begin.x.size])
+    return Run(x, z, None)

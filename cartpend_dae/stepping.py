@@ -16,86 +16,110 @@ from dataclasses import dataclass
 import casadi as ca
 
 from cartpend_dae.dae import Friction, friction_laws
-from cartpend_dae.errors import SolverError
 from cartpend_dae.system import System
+
+NEWTON = 3  # from the last step's values each step squares the error, so that three leave rounding only
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """`function(t, h, x, u_a, u_b, p) -> x_next`: inputs run linearly from `u_a` to `u_b` over the step h [s]."""
+    """One step over h [s]; a state is the states of the system and then its algebraic variables, shape (n_x + n_z,).
+
+    ``function(t, h, x, u_a, u_b, p) -> x_next``: inputs run linearly from `u_a` to `u_b`.
+    ``measure(t, h, x, u, p) -> y``: all variables of the system, with the friction forces at the start of a step h.
+    """
 
     function: ca.Function
+    measure: ca.Function
     substeps: int
 
 
 def runge_kutta(system: System, *, substeps: int = 1) -> Step:
     """Make the step function of a system.
 
+    Algebraic variables follow the states by Newton's method from their values at the stage before.
+
     Parameters
     ----------
     system
-        An explicit system (no algebraic variables).
+        A system without events.
     substeps
         Number of equal steps that `h` is divided into.
-
-    Raises
-    ------
-    SolverError
-        If algebraic variables remain.
     """
-    if system.algebraics:
-        names = ", ".join(f"`{name}`" for name in system.algebraics)
-        raise SolverError(
-            f"{system.name} cannot be stepped by an explicit method: {names} follow from nonlinear equations. "
-            f"Use the adaptive method."
-        )
     t, h = ca.SX.sym("t"), ca.SX.sym("h")
-    x, u_a, u_b = (
-        ca.SX.sym("x", system.x.numel()),
-        ca.SX.sym("a", system.u.numel()),
-        ca.SX.sym("b", system.u.numel()),
-    )
-    p = ca.SX.sym("p", system.p.numel())
-    rate = _rate_function(system)
-    hold = _friction_function(system)
-    now = x
+    n_x, n_u = system.x.numel(), system.u.numel()
+    state = ca.SX.sym("x", n_x + system.z.numel())
+    u_a, u_b, p = ca.SX.sym("a", n_u), ca.SX.sym("b", n_u), ca.SX.sym("p", system.p.numel())
+    rate, solve, hold = _rate_function(system), _algebraic_function(system), _friction_function(system)
+    x, z = state[:n_x, 0], state[n_x:, 0]
     dt = h / substeps
     for k in range(substeps):
         t_k = t + k * dt
         share = [(k + part) / substeps for part in (0.0, 0.5, 1.0)]
         u_0, u_1, u_2 = (u_a + s * (u_b - u_a) for s in share)
-        force = hold(t_k, dt, now, u_1, p)
-        k1 = rate(t_k, now, u_0, p, force)
-        k2 = rate(t_k + dt / 2, now + dt / 2 * k1, u_1, p, force)
-        k3 = rate(t_k + dt / 2, now + dt / 2 * k2, u_1, p, force)
-        k4 = rate(t_k + dt, now + dt * k3, u_2, p, force)
-        now = now + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    function = ca.Function(
-        "step", [t, h, x, u_a, u_b, p], [now], ["t", "h", "x", "u_a", "u_b", "p"], ["x_next"], {"cse": True}
-    )
-    return Step(function, substeps)
+        force = hold(t_k, dt, x, z, u_1, p)
+        slopes = []
+        for part, u in ((0.0, u_0), (0.5, u_1), (0.5, u_1), (1.0, u_2)):
+            at = x + part * dt * slopes[-1] if slopes else x
+            z = solve(t_k + part * dt, at, z, u, p, force)
+            slopes.append(rate(t_k + part * dt, at, z, u, p, force))
+        x = x + dt / 6 * (slopes[0] + 2 * slopes[1] + 2 * slopes[2] + slopes[3])
+    names = ["t", "h", "x", "u_a", "u_b", "p"]
+    after = ca.vertcat(x, z)
+    function = ca.Function("step", [t, h, state, u_a, u_b, p], [after], names, ["x_next"], {"cse": True})
+    return Step(function, _measure_function(system, substeps), substeps)
+
+
+def _measure_function(system: System, substeps: int) -> ca.Function:
+    """Return (t, h, x, u, p) -> all variables, with the friction forces of the first of the equal parts of h."""
+    s = system
+    h = ca.SX.sym("h")
+    x, z = ca.SX.sym("x", s.x.numel()), ca.SX.sym("z", s.z.numel())
+    force = s.frictions.force
+    if ca.depends_on(ca.vertcat(s.outputs, s.alg), force):
+        held = _friction_function(s)(s.time, h / substeps, x, z, s.u, s.p)
+    else:
+        held = ca.SX.zeros(force.numel())
+    z_now = _algebraic_function(s)(s.time, x, z, s.u, s.p, held)
+    outputs = ca.Function("outputs", [s.time, s.x, s.z, s.u, s.p, force], [s.outputs])
+    value = outputs(s.time, x, z_now, s.u, s.p, held)
+    return ca.Function("measure", [s.time, h, ca.vertcat(x, z), s.u, s.p], [value], {"cse": True})
 
 
 def _rate_function(system: System) -> ca.Function:
     s = system
-    return ca.Function("rate", [s.time, s.x, s.u, s.p, s.frictions.force], [s.ode])
+    return ca.Function("rate", [s.time, s.x, s.z, s.u, s.p, s.frictions.force], [s.ode])
+
+
+def _algebraic_function(system: System) -> ca.Function:
+    """Return (t, x, z, u, p, force) -> algebraic variables, from a guess of them nearby."""
+    s = system
+    arguments = [s.time, s.x, s.z, s.u, s.p, s.frictions.force]
+    if not s.z.numel():
+        return ca.Function("solve", arguments, [s.z])
+    residual = ca.Function("residual", arguments, [s.alg, ca.jacobian(s.alg, s.z)])
+    z = s.z
+    for _ in range(NEWTON):
+        value, slope = residual(s.time, s.x, z, s.u, s.p, s.frictions.force)
+        z = z - ca.solve(slope, value)
+    return ca.Function("solve", arguments, [z])
 
 
 def _friction_function(system: System) -> ca.Function:
-    """Return (t, h, x, u, p) -> mean friction forces over a step h."""
+    """Return (t, h, x, z, u, p) -> mean friction forces over a step h."""
     s = system
     n = s.frictions.force.numel()
     h = ca.SX.sym("h")
+    arguments = [s.time, h, s.x, s.z, s.u, s.p]
     if not n:
-        return ca.Function("hold", [s.time, h, s.x, s.u, s.p], [ca.SX(0, 1)])
+        return ca.Function("hold", arguments, [ca.SX(0, 1)])
     law = friction_laws(s)
     force = _joint_stop(law, h) if n > 1 else [ca.SX(0)]
     for _ in range(1 if n == 1 else 10):  # Gauss-Seidel sweeps over frictions that act on each other
         for i in range(n):
             coupling = sum((law.influence[i, j] * force[j] for j in range(n) if j != i), ca.SX(0))
-            free = law.free[i] + coupling
-            force[i] = _mean_force(law.speed[i], free, law.influence[i, i], law.level_pos[i], law.level_neg[i], h)
-    return ca.Function("hold", [s.time, h, s.x, s.u, s.p], [ca.vertcat(*force)])
+            force[i] = _mean_force(law, i, law.free[i] + coupling, h)
+    return ca.Function("hold", arguments, [ca.vertcat(*force)])
 
 
 def _joint_stop(law: Friction, h: ca.SX) -> list[ca.SX]:
@@ -110,13 +134,17 @@ def _joint_stop(law: Friction, h: ca.SX) -> list[ca.SX]:
     return [ca.fmin(ca.fmax(joint[i], -law.level_neg[i]), law.level_pos[i]) for i in range(n)]
 
 
-def _mean_force(speed: ca.SX, free: ca.SX, influence: ca.SX, pos: ca.SX, neg: ca.SX, h: ca.SX) -> ca.SX:
+def _mean_force(law: Friction, i: int, free: ca.SX, h: ca.SX) -> ca.SX:
     """Return the mean force of one friction over h, with the acceleration free + influence * force constant in parts.
 
-    It slides at its level for the share of h until it stops; for the rest it holds, or slides the other way.
+    It slides at its level for the share of h until it stops; for the rest it holds, up to its static levels, or slides
+    the way it is pushed.
     """
     tiny = 1e-30  # only keeps the unused branch finite where the motion does not slow down
-    resting = ca.fmin(ca.fmax(-free / influence, -neg), pos)
+    speed, influence, pos, neg = law.speed[i], law.influence[i, i], law.level_pos[i], law.level_neg[i]
+    needed = -free / influence
+    is_held = ca.logic_and(needed <= law.static_pos[i], -needed <= law.static_neg[i])
+    resting = ca.if_else(is_held, needed, ca.fmin(ca.fmax(needed, -neg), pos))
     share_pos = ca.fmin(1, speed / ca.fmax(-(free + influence * pos) * h, tiny))
     share_neg = ca.fmin(1, -speed / ca.fmax((free - influence * neg) * h, tiny))
     forward = share_pos * pos + (1 - share_pos) * resting

@@ -11,7 +11,7 @@ import traceback
 import types
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from difflib import get_close_matches
 from hashlib import sha256
 from pathlib import Path
@@ -46,6 +46,10 @@ class FreeParameter:
     max: float | None = None
     unit: str | None = None
     fixed: bool = False
+    is_log: bool = False
+    prior: tuple[float, float] | None = None
+    tie: str | None = None
+    is_per_run: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +87,18 @@ def load_study(path: Path | str) -> Study:
         path=path,
         model=table.model,
         parameters=tuple(
-            FreeParameter(name, entry.guess, entry.min, entry.max, entry.unit, entry.fixed)
+            FreeParameter(
+                name,
+                entry.guess,
+                entry.min,
+                entry.max,
+                entry.unit,
+                entry.fixed,
+                entry.scale == "log",
+                None if entry.prior is None else (entry.prior.value, entry.prior.sd),
+                entry.tie,
+                entry.per_run,
+            )
             for name, entry in table.parameters.items()
         ),
         experiments=table.experiment,
@@ -108,7 +123,13 @@ def parameter_in_si(parameter: FreeParameter, unit: str) -> FreeParameter:
 
     try:
         low, high = convert(parameter.min), convert(parameter.max)
-        return FreeParameter(parameter.name, convert(parameter.guess), low, high, unit, parameter.fixed)
+        prior = parameter.prior
+        if prior is not None:
+            prior = (
+                float(units.to_si(prior[0], given, unit)),
+                float(units.to_si(prior[1], given, unit, difference=True)),
+            )
+        return replace(parameter, guess=convert(parameter.guess), min=low, max=high, unit=unit, prior=prior)
     except ModelError as error:
         raise StudyError(
             f'`parameters."{parameter.name}"` is in `{given}`, but the model has it in `{unit}`: {error}'

@@ -99,16 +99,38 @@ class ModelReference:
 
 
 @dataclass(frozen=True, slots=True, config=_TABLE)
+class PriorSpec:
+    """What is known of a parameter before the data, such as from a data sheet: a value and its standard deviation."""
+
+    value: Number
+    sd: Positive
+
+
+@dataclass(frozen=True, slots=True, config=_TABLE)
 class ParameterTable:
-    """What a study says of a free parameter; numbers are in `unit`, without one in the model's SI unit."""
+    """What a study says of a free parameter; numbers are in `unit`, without one in the model's SI unit.
+
+    `scale` chooses whether its logarithm is estimated, `tie` lets it follow from others (``"2 * spring.c"``, in SI
+    units), `per_run` gives each run a value of its own.
+    """
 
     guess: Number | None = None
     min: Number | None = None
     max: Number | None = None
     unit: UnitText | None = None
     fixed: Switch = False
+    scale: Literal["linear", "log"] = "linear"
+    prior: PriorSpec | None = None
+    tie: Text | None = None
+    per_run: Switch = False
 
     def __post_init__(self) -> None:
+        others = [key for key in ("guess", "min", "max", "unit", "prior") if getattr(self, key) is not None]
+        others += [key for key in ("fixed", "per_run") if getattr(self, key)]
+        if self.tie is not None and others:
+            raise ValueError(f"has a `tie`, so that it follows from others, and `{others[0]}`; leave one of them out")
+        if self.fixed and (self.prior is not None or self.per_run):
+            raise ValueError("is `fixed`, and has a `prior` or is `per_run`, which only a free parameter can")
         low, high, guess = self.min, self.max, self.guess
         if low is not None and high is not None and low >= high:
             raise ValueError(f"has min = {low:g} and max = {high:g}; expected min < max")
@@ -155,14 +177,20 @@ ChannelSpec = InputSpec | OutputSpec
 
 @dataclass(frozen=True, slots=True, config=_TABLE)
 class StartSpec:
-    """A start value: `value` fixes it, `guess` leaves it free, as ``free = true`` leaves the model's."""
+    """A start value: `value` fixes it, `guess` leaves it free, as ``free = true`` leaves the model's.
+
+    With `sd` the guess is prior knowledge of that standard deviation.
+    """
 
     value: Number | None = None
     guess: Number | None = None
     unit: UnitText | None = None
     free: Switch | None = None
+    sd: Positive | None = None
 
     def __post_init__(self) -> None:
+        if self.sd is not None and self.guess is None:
+            raise ValueError("has `sd`, the uncertainty of what is known before, and no `guess`; give both")
         if self.value is not None and self.guess is not None:
             raise ValueError("has `value` and `guess`; give `value` to fix the start or `guess` to estimate it")
         if self.value is not None and self.free:
@@ -197,7 +225,11 @@ class FormatSpec:
 
 @dataclass(frozen=True, slots=True, config=_TABLE)
 class ExperimentSpec:
-    """One recorded run: where it is, what its columns mean, what it is for."""
+    """One recorded run: where it is, what its columns mean, what it is for.
+
+    A `steady` run starts at rest under its first inputs; with `piece` [s] it is fitted in pieces of that length, each
+    with a start of its own.
+    """
 
     name: Text
     file: FilePath
@@ -211,8 +243,12 @@ class ExperimentSpec:
     format: FormatSpec = Field(default_factory=FormatSpec)
     score: Literal["free", "horizon", "innovation"] = "free"
     horizon: Positive | None = None
+    steady: Switch = False
+    piece: Positive | None = None
 
     def __post_init__(self) -> None:
+        if "#" in self.name:
+            raise ValueError("has a name with `#`, which marks the pieces of a run; choose another one")
         if not self.outputs:
             raise ValueError("has no outputs; name at least one measured variable under `outputs`")
         if both := sorted(set(self.inputs) & set(self.outputs)):
@@ -225,11 +261,18 @@ class ExperimentSpec:
 
 @dataclass(frozen=True, slots=True, config=_TABLE)
 class IdentifySpec:
-    """Options of the estimation; None leaves the choice to it."""
+    """Options of the estimation; None leaves the choice to it.
+
+    Residuals beyond `huber` standard deviations count linearly. With several `starts` the fit begins from as many
+    points within the bounds, the guesses first.
+    """
 
     method: Literal["collocation", "multiple_shooting"] | None = None
     step: Positive | None = None
     max_iterations: AtLeastOne | None = None
+    huber: Positive | None = None
+    starts: AtLeastOne = 1
+    seed: Count = 0
 
 
 @dataclass(frozen=True, slots=True, config=_TABLE)

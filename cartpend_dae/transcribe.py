@@ -21,42 +21,49 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.data import Experiment
-from cartpend_dae.stepping import runge_kutta
+from cartpend_dae.stepping import Step, runge_kutta
 from cartpend_dae.system import System
+from cartpend_dae.unknowns import Free, Tie
 
 SEGMENT = 100
 
 
 @dataclass(frozen=True, slots=True)
-class Free:
-    """A quantity to be estimated: bounds and guess in SI, and the size by which it is scaled."""
+class RunStart:
+    """How a run starts: state `x` (n_state,) with its inputs `u` (n_u,) at `time` [s], and the variables that are free.
 
-    name: str
-    guess: float
-    lower: float
-    upper: float
-    scale: float
-    unit: str
+    Where it starts at rest, `steady` lists the states that follow from that.
+    """
+
+    x: np.ndarray
+    free: tuple[tuple[str, Free], ...]
+    steady: tuple[int, ...] | None
+    u: np.ndarray
+    time: float
 
 
 @dataclass(frozen=True, slots=True)
-class RunStart:
-    """How a run starts: states `x` (n_x,) where nothing is estimated, and (state, factor, offset, Free) where it is."""
+class Slot:
+    """A free parameter of the model and the one of `Layout.free` that it is in each run."""
 
-    x: np.ndarray
-    free: tuple[tuple[int, float, float, Free], ...]
+    parameter: str
+    owners: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
     """The structure of an estimation problem: what is free, what is measured, how samples are grouped.
 
-    `outputs` are indices of system variables. Segments (n_segments of `length` samples) of all runs
-    stand one after the other; `first` are the segments with which runs begin.
+    `free` are the estimated parameters of all runs, of which `slots` says where they stand in the model. `outputs` are
+    indices of system variables. Segments (n_segments of `length` samples) of all runs stand one after the other;
+    `first` are the segments with which runs begin. With a finite `huber`, residuals beyond so many standard deviations
+    count linearly.
     """
 
     system: System
     free: tuple[Free, ...]
+    slots: tuple[Slot, ...]
+    ties: tuple[Tie, ...]
     outputs: tuple[int, ...]
     output_names: tuple[str, ...]
     substeps: int
@@ -64,19 +71,40 @@ class Layout:
     n_segments: int
     first: tuple[int, ...]
     run_lengths: tuple[int, ...]
+    huber: float = np.inf
+
+    @property
+    def n_state(self) -> int:
+        """Number of states and algebraic variables that a step carries on."""
+        return self.system.x.numel() + self.system.z.numel()
+
+    @property
+    def runs(self) -> np.ndarray:
+        """The run of each segment, shape (n_segments,)."""
+        return np.searchsorted(np.array(self.first), np.arange(self.n_segments), side="right") - 1
+
+    @property
+    def owners(self) -> np.ndarray:
+        """Which of `free` each slot is in each run, shape (n_runs, n_slots)."""
+        return np.array([slot.owners for slot in self.slots], dtype=int).reshape(len(self.slots), len(self.first)).T
 
 
 @dataclass(frozen=True, slots=True)
 class Passes:
-    """CasADi functions of a layout.
+    """CasADi functions of a layout, over the slots theta (n_slots,) of a run, scaled.
 
-    ``value(theta, w, nodes, data) -> (ends, cost)``, ``slope(...) -> (ends, sensitivities, gram, gradient)``
-    per segment, ``series(...) -> (residuals, states)`` per sample.
+    ``value(packed, data)`` and ``slope(packed, data)`` fold a segment: packed are theta and w, the state, and the
+    cost, or the sensitivities (n_state, n_state + n_slots), the Gram matrix and the gradient of the residuals.
+    ``series(packed, data) -> (packed, residuals, states)`` and ``rows(packed, data) -> (packed, residuals and their
+    sensitivities)`` give a column for each sample. ``parameters(theta) -> p``; `step` is a step between samples.
     """
 
     value: ca.Function
     slope: ca.Function
     series: ca.Function
+    rows: ca.Function
+    parameters: ca.Function
+    step: Step
 
 
 def injection_targets(system: System, outputs: tuple[int, ...]) -> tuple[tuple[int, int, int | None, ca.SX], ...]:
@@ -100,11 +128,11 @@ def injection_targets(system: System, outputs: tuple[int, ...]) -> tuple[tuple[i
 
 def passes(layout: Layout) -> Passes:
     """Build the functions of a layout; the time it takes depends on the model, not on the data."""
-    system = layout.system
-    n_x, n_u, n_y, n_p = system.x.numel(), system.u.numel(), len(layout.outputs), len(layout.free)
+    n_x, n_u, n_y, n_p = layout.n_state, layout.system.u.numel(), len(layout.outputs), len(layout.slots)
     theta, w, x = ca.SX.sym("theta", n_p), ca.SX.sym("w", n_y), ca.SX.sym("x", n_x)
     data = ca.SX.sym("data", 2 + 2 * n_u + 2 * n_y)
-    x_next, error = _sample(layout, theta, w, x, data)
+    step, parameters = runge_kutta(layout.system, substeps=layout.substeps), parameter_function(layout)
+    x_next, error = _sample(layout, step, parameters(theta), w, x, data)
     carried = ca.vertcat(theta, w)
     size = n_x + n_p
     seeds = ca.SX.sym("seeds", n_x, size)
@@ -112,8 +140,8 @@ def passes(layout: Layout) -> Passes:
     moved = ca.jtimes(ca.vertcat(x_next, error), ca.vertcat(x, theta), full)
     seeds_next, error_slope = moved[:n_x, :], moved[n_x:, :]
     gram, gradient, cost = ca.SX.sym("gram", size, size), ca.SX.sym("gradient", size), ca.SX.sym("cost")
-    cost_next = cost + ca.sumsqr(error) / 2
-    value = _fold("value", [carried, x, cost], [carried, x_next, cost_next], data, layout.length)
+    loss, pull, curvature = _loss(error, layout.huber)
+    value = _fold("value", [carried, x, cost], [carried, x_next, cost + loss], data, layout.length)
     slope = _fold(
         "slope",
         [carried, x, ca.vec(seeds), ca.vec(gram), gradient],
@@ -121,15 +149,34 @@ def passes(layout: Layout) -> Passes:
             carried,
             x_next,
             ca.vec(seeds_next),
-            ca.vec(gram + error_slope.T @ error_slope),
-            gradient + error_slope.T @ error,
+            ca.vec(gram + error_slope.T @ (error_slope * ca.repmat(curvature, 1, size))),
+            gradient + error_slope.T @ pull,
         ],
         data,
         layout.length,
     )
-    state = ca.vertcat(carried, x)
-    series = ca.Function("series", [state, data], [ca.vertcat(carried, x_next), error, x], {"cse": True})
-    return Passes(value, slope, series.mapaccum(layout.length))
+    once = {"cse": True}
+    state, moving = ca.vertcat(carried, x), ca.vertcat(carried, x, ca.vec(seeds))
+    series = ca.Function("series", [state, data], [ca.vertcat(carried, x_next), error, x], once)
+    after = ca.vertcat(carried, x_next, ca.vec(seeds_next))
+    rows = ca.Function("rows", [moving, data], [after, ca.vertcat(error, ca.vec(error_slope))], once)
+    return Passes(value, slope, series.mapaccum(layout.length), rows.mapaccum(layout.length), parameters, step)
+
+
+def _loss(error: ca.SX, huber: float) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Return half the sum of squares, its gradient and curvature; beyond `huber` the square goes on as a line.
+
+    References
+    ----------
+    P. J. Huber, Ann. Math. Statist. 35 (1964), 73-101, doi:10.1214/aoms/1177703732.
+    """
+    if not np.isfinite(huber):
+        return ca.sumsqr(error) / 2, error, ca.SX.ones(error.numel())
+    size = ca.fabs(error)
+    is_small = size <= huber
+    loss = ca.if_else(is_small, error**2 / 2, huber * (size - huber / 2))
+    weight = ca.if_else(is_small, 1, huber / ca.fmax(size, huber))
+    return ca.sum1(loss), weight * error, weight
 
 
 def _fold(name: str, before: list[ca.SX], after: list[ca.SX], data: ca.SX, length: int) -> ca.Function:
@@ -137,22 +184,27 @@ def _fold(name: str, before: list[ca.SX], after: list[ca.SX], data: ca.SX, lengt
     return step.fold(length)
 
 
-def _sample(layout: Layout, theta: ca.SX, w: ca.SX, x: ca.SX, data: ca.SX) -> tuple[ca.SX, ca.SX]:
+def parameter_function(layout: Layout) -> ca.Function:
+    """Return theta -> all parameters of the system, ties included."""
+    system, theta = layout.system, ca.SX.sym("theta", len(layout.slots))
+    p = ca.SX(ca.DM(system.parameter_values))
+    for position, slot in enumerate(layout.slots):
+        p[system.parameter_index(slot.parameter)] = layout.free[slot.owners[0]].value(theta[position])
+    if layout.ties:
+        tied = ca.substitute([tie.value for tie in layout.ties], [system.p], [p])
+        for tie, value in zip(layout.ties, tied, strict=True):
+            p[tie.index] = value
+    return ca.Function("parameters", [theta], [p], ["theta"], ["p"])
+
+
+def _sample(layout: Layout, step: Step, p: ca.SX, w: ca.SX, x: ca.SX, data: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return the state at the next sample and the weighted residual of this one."""
     system = layout.system
     n_u, n_y = system.u.numel(), len(layout.outputs)
     time, width, u_a, u_b, measured, weight = ca.vertsplit(
         data, [0, 1, 2, 2 + n_u, 2 + 2 * n_u, 2 + 2 * n_u + n_y, 2 + 2 * n_u + 2 * n_y]
     )
-    p = ca.SX(ca.DM(system.parameter_values))
-    for position, free in enumerate(layout.free):
-        p[system.parameter_index(free.name)] = theta[position] * free.scale
-    outputs = ca.Function(
-        "measured",
-        [system.time, system.x, system.u, system.p, system.frictions.force],
-        [system.outputs[list(layout.outputs)]],
-    )
-    error = measured - outputs(time, x, u_a, p, ca.SX.zeros(system.frictions.force.numel()))
+    error = measured - step.measure(time, width, x, u_a, p)[list(layout.outputs)]
     corrected = ca.SX(x)
     # width is 0 at the last sample of a run and at padding: nothing is corrected or stepped there
     for position, state, rate, factor in injection_targets(system, layout.outputs):
@@ -164,8 +216,7 @@ def _sample(layout: Layout, theta: ca.SX, w: ca.SX, x: ca.SX, data: ca.SX) -> tu
         else:
             corrected[state] += (1 - rho**2) * seen
             corrected[rate] += (1 - rho) ** 2 * seen / ca.fmax(width, 1e-30)
-    step = runge_kutta(system, substeps=layout.substeps).function
-    return step(time, width, corrected, u_a, u_b, p), weight * error
+    return step.function(time, width, corrected, u_a, u_b, p), weight * error
 
 
 def stack_data(layout: Layout, experiments: tuple[Experiment, ...], weights: np.ndarray) -> np.ndarray:

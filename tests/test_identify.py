@@ -68,7 +68,7 @@ def test_gradients_are_those_of_finite_differences(bandwidth):
 
 def test_the_programme_has_the_constraint_jacobian_that_it_states():
     problem = pendulum_problem()
-    solver = problem.programme.solver
+    solver = problem.programme
     n = solver.size1_in("x0")
     generator = np.random.default_rng(3)
     data = stack_data(problem.layout, problem.experiments, 1 / problem.prior_sd)

@@ -53,10 +53,14 @@ LAYERS = """
     hybrid_problem time_events
     integrate
     simulate
+    unknowns pieces
     transcribe
+    starts
     programme
     problem
     shooting
+    directions residual_noise
+    uncertainty
     identify
     assess
     effects

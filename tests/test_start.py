@@ -29,7 +29,8 @@ from cartpend_dae import (
 from cartpend_dae.initialize import Start, initialize
 from cartpend_dae.library import electrical, rotational, translational
 from cartpend_dae.library.translational import Mass, Spring
-from cartpend_dae.problem import Free, make_problem
+from cartpend_dae.problem import make_problem
+from cartpend_dae.unknowns import Free
 
 
 def start_of(model: Component, start: dict[str, float] | None = None, **options) -> tuple[dict[str, float], Start]:

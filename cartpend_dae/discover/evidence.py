@@ -62,7 +62,9 @@ def robust(fit: Fit, linear: Linearisation) -> Robust:
     spread = np.array(moved)
     b = len(groups)
     sd = np.sqrt((b - 1) / b * np.sum((spread - spread.mean(axis=0)) ** 2, axis=0))
-    scaled = {fit.parameters[i].name: float(sd[k] * linear.variables[i].scale) for k, i in enumerate(held)}
+    scaled = {
+        fit.parameters[i].name: float(sd[k] * linear.variables[i].slope(linear.values[i])) for k, i in enumerate(held)
+    }
     return Robust(float(cost), scaled)
 
 
@@ -74,5 +76,5 @@ def with_robust_sd(fit: Fit, linear: Linearisation) -> Fit:
     """
     sd = robust(fit, linear).sd
     return replace(
-        fit, parameters=tuple(replace(e, sd=max(e.sd, sd[e.name])) if e.name in sd else e for e in fit.parameters)
+        fit, parameters=tuple(e.with_sd(max(e.sd, sd[e.name])) if e.name in sd else e for e in fit.parameters)
     )

@@ -77,7 +77,7 @@ def prove(setup: Setup, outcome: Search) -> Discovery:
     before = _assess(setup, (), outcome.baseline, outcome.bandwidth)
     after = _assess(setup, insertions, outcome.final, outcome.bandwidth) if insertions else before
     model_plus = augmented(setup.model, insertions)
-    set_values(model_plus, outcome.final.values)
+    set_values(model_plus, outcome.final.values_in())
     return Discovery(setup, outcome, before, after, model_plus)
 
 
@@ -87,7 +87,7 @@ def _assess(setup: Setup, insertions: tuple[Insertion, ...], fit: Fit, bandwidth
     measured: dict[str, str] = {}
     for insertion in insertions:
         measured |= {new: old for old, new in insertion.measured.items()}
-    return assess(system, fit.values, runs, setup.scores, bandwidth=bandwidth, step=setup.step, measured=measured)
+    return assess(system, fit, runs, setup.scores, bandwidth=bandwidth, step=setup.step, measured=measured)
 
 
 def set_values(model: Component, values: dict[str, float]) -> None:

@@ -9,6 +9,7 @@ from cartpend_dae.effects import Insertion
 from cartpend_dae.identify import Fit
 from cartpend_dae.language import Component
 from cartpend_dae.study_schema import ScoreSpec
+from cartpend_dae.unknowns import Prior
 
 Regime = Literal["noise", "disturbances"]
 Verdict = Literal["explained", "improved", "no-discrepancy", "unexplained"]
@@ -22,11 +23,18 @@ class FreeSpec:
     guess: float | None = None
     lower: float | None = None
     upper: float | None = None
+    is_log: bool = False
+    prior: Prior | None = None
+    is_per_run: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What discovery works on: the model, what is free in it, and the runs by role."""
+    """What an estimation works on: the model, what is free in it, and the runs by role.
+
+    `ties` are parameters that follow from others, with the text that says how. Residuals beyond `huber` standard
+    deviations count linearly.
+    """
 
     model: Component
     free: tuple[FreeSpec, ...]
@@ -35,6 +43,8 @@ class Setup:
     test: tuple[Experiment, ...]
     scores: tuple[ScoreSpec, ...] = ()
     step: float | None = None
+    ties: tuple[tuple[str, str], ...] = ()
+    huber: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

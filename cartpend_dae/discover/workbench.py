@@ -13,7 +13,7 @@ from cartpend_dae.identify import Fit, estimate
 from cartpend_dae.language import Component
 from cartpend_dae.problem import Problem, dominant_frequency, free_parameter, make_problem
 from cartpend_dae.shooting import Linearisation, linearised
-from cartpend_dae.transcribe import Free
+from cartpend_dae.unknowns import Free, tie
 
 Report = Callable[[str, str, float], None]
 
@@ -44,7 +44,18 @@ class Workbench:
         system = assemble(model)
         free: list[Free] = []
         for spec in self.setup.free:
-            free.append(free_parameter(system, spec.name, guess=spec.guess, lower=spec.lower, upper=spec.upper))
+            free.append(
+                free_parameter(
+                    system,
+                    spec.name,
+                    guess=spec.guess,
+                    lower=spec.lower,
+                    upper=spec.upper,
+                    is_log=spec.is_log,
+                    prior=spec.prior,
+                    is_per_run=spec.is_per_run,
+                )
+            )
         for insertion in insertions:
             for name, item in zip(insertion.parameter_names, insertion.card.parameters, strict=True):
                 hint = abs(hints.get(name, 0.0)) or None
@@ -58,7 +69,10 @@ class Workbench:
                         scale=hint,
                     )
                 )
-        return make_problem(system, tuple(free), renamed(experiments, insertions), step=self.setup.step)
+        setup = self.setup
+        ties = tuple(tie(system, name, text) for name, text in setup.ties)
+        runs = renamed(experiments, insertions)
+        return make_problem(system, tuple(free), runs, step=setup.step, ties=ties, huber=setup.huber)
 
     def fit(
         self,

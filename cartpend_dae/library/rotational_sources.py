@@ -40,6 +40,18 @@ class ConstantTorque(Driven):
         yield self.flange.tau == -self.tau_constant
 
 
+class Weight(Driven):
+    """Torque of a weight on an arm, tau_flange = tau_g sin phi, tau_g = m g l; phi = 0 is hanging."""
+
+    phi = var(unit="rad", doc="angle against the housing, 0 = hanging")
+    tau_g: Param = param(unit="N.m", min=0, doc="torque of the weight where the arm is horizontal")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        yield self.phi == self.flange.phi - self.support.phi
+        yield self.flange.tau == self.tau_g * ca.sin(self.phi)
+
+
 class TorqueStep(Driven):
     """Driving torque tau = offset_torque, plus step_torque from start_time on; tau_flange = -tau."""
 

@@ -33,7 +33,7 @@ def identification_of(opened: Opened, fit: Fit) -> Identification:
     setup = opened.setup
     errors = assess(
         opened.system,
-        fit.values,
+        fit,
         (*setup.train, *setup.select, *setup.test),
         setup.scores,
         bandwidth=float(fit.bandwidth[0]),
@@ -115,14 +115,28 @@ def package_version() -> str:
 
 
 def _state(opened: Opened, fit: Fit, errors: Assessment) -> Json:
-    parameters = {estimate.name: _estimate(estimate) for estimate in fit.parameters}
+    parameters = {estimate.name: _estimate(estimate) for estimate in (*fit.parameters, *fit.tied)}
     for q in opened.fixed:
         parameters[q.name] = {"value": q.value, "sd": None, "unit": q.declaration.unit, "status": "fixed"}
-    return {"parameters": parameters, "experiments": _experiments(errors), "scores": errors.scores}
+    names = [estimate.name for estimate in fit.parameters]
+    n = len(names)
+    return {
+        "parameters": parameters,
+        "correlation": {"names": names, "matrix": fit.correlation[:n, :n].tolist()},
+        "not_identified": list(fit.blind),
+        "experiments": _experiments(errors),
+        "scores": errors.scores,
+    }
 
 
 def _estimate(estimate: Estimate) -> Json:
-    return {"value": estimate.value, "sd": estimate.sd, "unit": estimate.unit, "status": estimate.status}
+    return {
+        "value": estimate.value,
+        "sd": estimate.sd,
+        "interval": list(estimate.interval),
+        "unit": estimate.unit,
+        "status": estimate.status,
+    }
 
 
 def _experiments(errors: Assessment) -> Json:

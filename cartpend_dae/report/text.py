@@ -191,13 +191,10 @@ def alias_sentence(search: Search) -> tuple[str, ...]:
 
 def remarks(fit: Fit) -> tuple[str, ...]:
     """Return a sentence for each estimate that must not be trusted as it stands."""
-    found = []
+    advice = "Fix one of them (`fixed = true`), give a `prior`, or measure one more quantity."
+    found = [f"These runs leave a direction open: {sentence}. {advice}" for sentence in fit.blind]
     for estimate in fit.parameters:
-        if estimate.status == "unidentifiable":
-            found.append(
-                f"The data do not determine `{estimate.name}`; fix it (`fixed = true`) or record another motion."
-            )
-        elif estimate.status == "at-bound":
+        if estimate.status == "at-bound":
             found.append(f"`{estimate.name}` ended on its bound, {with_unit(f'{estimate.value:.4g}', estimate.unit)}.")
     return tuple(found)
 
