@@ -80,16 +80,24 @@ def assess(
     step
         Longest step of the Runge-Kutta method [s].
     measured
-        Names under which outputs are reported, by the name in the model, where they differ.
+        Names under which outputs and inputs are reported, by the name in the model, where they differ.
     """
     in_run = {experiment.name: system_with(system, fit.values_in(experiment.name)) for experiment in experiments}
     runs = tuple(_run_error(in_run[run.name], run, bandwidth, step, measured or {}) for run in experiments)
     found: dict[str, dict[str, float]] = {}
     for score in scores:
         found[score.name] = {
-            run.name: inverse_dynamics(in_run[run.name], run, score, measured or {}) for run in experiments
+            run.name: _score_or_nan(in_run[run.name], run, score, measured or {}) for run in experiments
         }
     return Assessment(runs, found)
+
+
+def _score_or_nan(system: System, experiment: Experiment, score: ScoreSpec, measured: Mapping[str, str]) -> float:
+    """Return a score of the study, and NaN where an effect with a memory of its own leaves it undefined."""
+    try:
+        return inverse_dynamics(system, experiment, score, measured)
+    except ModelError:
+        return float("nan")
 
 
 def system_with(system: System, values: Mapping[str, float]) -> System:
@@ -167,10 +175,10 @@ def inverse_dynamics(system: System, experiment: Experiment, score: ScoreSpec, m
     doi:10.1109/ROBOT.1997.606850.
     """
     names = {reported: name for name, reported in measured.items()}
-    output = names.get(score.output, score.output)
+    output, driven = names.get(score.output, score.output), names.get(score.input, score.input)
     index = system.index_of(output)
     targets = injection_targets(system, (index,))
-    if score.input not in system.inputs or not targets or targets[0][2] is None or system.x.numel() != 2:
+    if driven not in system.inputs or not targets or targets[0][2] is None or system.x.numel() != 2:
         raise ModelError(
             f"The score `{score.name}` needs a model whose only states are `{score.output}` and its speed, "
             f"driven by `{score.input}`; {system.name} has the states {', '.join(system.states)}."
@@ -188,7 +196,7 @@ def inverse_dynamics(system: System, experiment: Experiment, score: ScoreSpec, m
     x = np.zeros((2, s.size))
     x[position], x[rate] = s, v
     u = np.array([interval_inputs(experiment, system, name)[0] for name in system.inputs])
-    row = system.inputs.index(score.input)
+    row = system.inputs.index(driven)
     # the filter swings at both ends of the record; five of its time constants are left out there
     edge = int(np.ceil(5 / (score.cutoff * width)))
     needed = _needed_input(system, x, u, p, acceleration, row, rate)[edge:-edge]

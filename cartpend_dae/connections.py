@@ -17,7 +17,8 @@ Form = tuple[object, ...]
 def join(tables: Gathered, place: int, component: Component | None, connection: Connection) -> None:
     """Note a connection; a port of the connecting component itself is seen from its inside.
 
-    `component` is None for a part attached from outside, which sees all ports from outside.
+    `component` is None for a part attached from outside, which sees all ports from outside and as they are;
+    what the model itself connects to a port or signal that was diverted reaches what it was diverted to.
     """
     where = tables.places[place].path or "the model"
     keys: list[object] = []
@@ -29,7 +30,7 @@ def join(tables: Gathered, place: int, component: Component | None, connection: 
                     f"that is no part of the model: store it in an attribute in `__post_init__`, under one name."
                 )
             key = End(tables.place_of[id(end.owner)], end.name, "outside" if end.owner is component else "inside")
-            keys.append(key)
+            keys.append(key if component is None else tables.diverted.get(key, key))
             if key.side == "outside":
                 tables.inner_ports.add(key)
         else:
@@ -39,10 +40,11 @@ def join(tables: Gathered, place: int, component: Component | None, connection: 
                     f"`connect` in `{where}` names `{end}`, which is neither a port nor a signal: write an equation, "
                     f"`yield self.x == {end}`, for a variable `x = var(unit=...)`, and connect that."
                 )
-            keys.append(index)
-            if component is not None and end.element_hash() in {
+            is_own = component is not None and end.element_hash() in {
                 s.element_hash() for s in symbols_of(component).values()
-            }:
+            }
+            keys.append(index if is_own or component is None else tables.diverted.get(index, index))
+            if is_own:
                 tables.driven_inside.add(index)
     sets = tables.sets if isinstance(connection.ends[0], Port) else tables.signal_sets
     for key in keys[1:]:

@@ -13,13 +13,13 @@ from cartpend_dae.connections import connect_all, join
 from cartpend_dae.errors import ModelError
 from cartpend_dae.explain import listed_findings
 from cartpend_dae.freeze import freeze
-from cartpend_dae.gathered import Gathered, Layout, Place, layout_of
+from cartpend_dae.gathered import End, Gathered, Layout, Place, layout_of
 from cartpend_dae.language import (
     Component,
     attached_to,
     parts_of,
 )
-from cartpend_dae.quantities import is_number, state_of
+from cartpend_dae.quantities import Port, is_number, state_of
 from cartpend_dae.statements import stated_by
 from cartpend_dae.system import FlatSystem, Parameter, Variable
 from cartpend_dae.templates import Key, Template, make_template, template_key
@@ -51,6 +51,7 @@ def flatten(model: Component) -> FlatSystem:
     for place in tables.places:
         _declare_parameters(tables, place)
     _find_symbols(tables)
+    _note_diverted(tables)
     _join_all(tables)
     inputs = connect_all(tables)
     name = type(model).__name__
@@ -181,6 +182,19 @@ def _collect(tables: Gathered, collector: Collector, number: int) -> list[ca.SX]
         tables.connections += [(number, None, connection) for connection in connections]
     tables.frictions += [(place.name, i) for i in range(n_frictions, len(collector.frictions))]
     return stated.residuals
+
+
+def _note_diverted(tables: Gathered) -> None:
+    """Note which ports and signals of parts the model reaches by way of a part attached from outside."""
+
+    def key(end: Port | ca.SX) -> object:
+        if isinstance(end, Port):
+            return End(tables.place_of[id(end.owner)], end.name, "inside")
+        return tables.variable_of[end.element_hash()][0]
+
+    for place in tables.places:
+        for name, to in state_of(place.component).diverted.items():
+            tables.diverted[key(getattr(place.component, name))] = key(to)
 
 
 def _join_all(tables: Gathered) -> None:

@@ -121,5 +121,6 @@ class Gathered:
     signal_sets: DisjointSets = field(default_factory=DisjointSets)
     driven_inside: set[int] = field(default_factory=set)
     inner_ports: set[End] = field(default_factory=set)
+    diverted: dict[object, object] = field(default_factory=dict)
     findings: list[str] = field(default_factory=list)
     causes: list[BaseException] = field(default_factory=list)

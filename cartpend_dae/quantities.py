@@ -56,7 +56,7 @@ class InstanceState:
     """The symbols, ports and parameter bindings of one component or port.
 
     `built_as_zero` names the parameters that were 0 when `Component.is_zero` was asked, `unknown` those that the
-    start determines: they are bound to their guess.
+    start determines: they are bound to their guess. `diverted` and `scaled` are the work of `splice`.
     """
 
     symbols: dict[str, ca.SX] = field(default_factory=dict)
@@ -65,6 +65,8 @@ class InstanceState:
     attached: dict[str, tuple["Component", tuple["Connection", ...]]] = field(default_factory=dict)
     built_as_zero: set[str] = field(default_factory=set)
     unknown: set[str] = field(default_factory=set)
+    diverted: dict[str, "Port | ca.SX"] = field(default_factory=dict)
+    scaled: dict[str, tuple[ca.SX, ...]] = field(default_factory=dict)
 
 
 def is_number(value: object) -> TypeGuard[float]:
@@ -134,7 +136,22 @@ class Quantity:
 
 
 class Param(Quantity):
-    """A parameter: constant in time, set in the constructor by a number or an expression of the parent's parameters."""
+    """A parameter: constant in time, set in the constructor by a number or an expression of the parent's parameters.
+
+    Where `splice.scale` let a variable multiply it, the equations of its component read the product.
+    """
+
+    @overload
+    def __get__(self, instance: None, owner: type) -> Self: ...
+    @overload
+    def __get__(self, instance: object, owner: type) -> ca.SX: ...
+    def __get__(self, instance: Any, owner: type) -> Any:
+        if instance is None:
+            return self
+        value = symbol_of(instance, self.name)
+        for factor in state_of(instance).scaled.get(self.name, ()):
+            value = value * factor
+        return value
 
     def __set__(self, instance: object, value: Expression | Unknown) -> None:
         state = state_of(instance)

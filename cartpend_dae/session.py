@@ -81,7 +81,7 @@ def open_study(path: Path | str, *, needs_runs: bool = True) -> Opened:
     findings += wrong
     cards, wrong = _cards(study)
     findings += wrong
-    findings += _wrong_places(study, model) + _wrong_scores(study, system, runs)
+    findings += _wrong_places(study, model, cards) + _wrong_scores(study, system, runs)
     if findings:
         raise StudyError("\n".join(dict.fromkeys(findings)))
     train, select, test = (tuple(run for run in runs if run.role == role) for role in ("train", "select", "test"))
@@ -227,9 +227,13 @@ def _runs(study: Study, system: System) -> tuple[list[Experiment], list[str]]:
 
 
 def _cards(study: Study) -> tuple[tuple[Card, ...], list[str]]:
-    cards = catalogue()
-    known = [card.id for card in cards]
     findings = []
+    try:
+        cards = catalogue(*study.discover.cards)
+    except (ModelError, StudyError) as error:
+        cards = catalogue()
+        findings.append(f"{study.path}: `discover.cards`: {error}")
+    known = [card.id for card in cards]
     for key, names in (("include", study.discover.include or ()), ("exclude", study.discover.exclude)):
         for name in (name for name in names if name not in known):
             close = get_close_matches(name, known, n=1, cutoff=0.0)
@@ -245,11 +249,11 @@ def _cards(study: Study) -> tuple[tuple[Card, ...], list[str]]:
     return kept, findings
 
 
-def _wrong_places(study: Study, model: Component) -> list[str]:
+def _wrong_places(study: Study, model: Component, cards: tuple[Card, ...]) -> list[str]:
     if study.discover.places is None:
         return []
     measured = tuple(dict.fromkeys(name for run in study.experiments if run.role == "train" for name in run.outputs))
-    known = [place.at for place in places(model, measured)]
+    known = [place.at for place in places(model, measured, cards)]
     listing = ", ".join(f"`{name}`" for name in known)
     return [
         f"{study.path}: `discover.places`: `{name}` is no place for an effect; the places are: {listing}."

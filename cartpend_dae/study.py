@@ -155,7 +155,7 @@ def load_model(reference: ModelReference) -> Component:
         If the file cannot be read or fails, does not define the Component, or the constructor refuses.
     """
     path = reference.path
-    module = _run_file(path)
+    module = run_file(path)
     found = {
         name: value
         for name, value in vars(module).items()
@@ -305,14 +305,20 @@ def _which_component(path: Path, name: str | None, found: list[str]) -> str:
     return f"{path}: the file defines no Component `{name}`; {hint}It defines: {listing}."
 
 
-def _run_file(path: Path) -> types.ModuleType:
-    """Run a Python file as a module whose private name cannot shadow another one."""
+def run_file(path: Path, what: str = "model file") -> types.ModuleType:
+    """Run a Python file as a module whose private name cannot shadow another one.
+
+    Raises
+    ------
+    StudyError
+        If the file cannot be read or fails; `what` says in the sentence which file it is.
+    """
     if not path.is_file():
-        raise StudyError(f"{path}: there is no such model file.")
+        raise StudyError(f"{path}: there is no such {what}.")
     name = f"_cartpend_model_{sha256(str(path).encode()).hexdigest()[:16]}"
     spec = importlib.util.spec_from_loader(name, loader=None, origin=str(path))
     if spec is None:
-        raise StudyError(f"{path}: the model file cannot be loaded as a Python module.")
+        raise StudyError(f"{path}: the {what} cannot be loaded as a Python module.")
     module = importlib.util.module_from_spec(spec)
     module.__file__ = str(path)
     before = sys.modules.get(name)
@@ -325,7 +331,7 @@ def _run_file(path: Path) -> types.ModuleType:
             del sys.modules[name]
             if before is not None:
                 sys.modules[name] = before
-            raise StudyError(f"{path}: the model file fails: {_what_went_wrong(error, path)}") from error
+            raise StudyError(f"{path}: the {what} fails: {_what_went_wrong(error, path)}") from error
     return module
 
 

@@ -277,8 +277,12 @@ class IdentifySpec:
 
 @dataclass(frozen=True, slots=True, config=_TABLE)
 class DiscoverSpec:
-    """Options of the search for missing effects; None for `include` or `places` means all of them."""
+    """Options of the search for missing effects; None for `include` or `places` means all of them.
 
+    `cards` are Python files with effects of the user's own.
+    """
+
+    cards: tuple[FilePath, ...] = ()
     include: tuple[Text, ...] | None = None
     exclude: tuple[Text, ...] = ()
     places: tuple[str, ...] | None = None

@@ -17,6 +17,7 @@ LAYERS = """
     quantities collector
     declarations switching
     language
+    splice
     library
     hybrid
     system

@@ -8,7 +8,7 @@ from cartpend_dae.discover.records import Discovery, Regime, Search, Setup
 from cartpend_dae.discover.search import search
 from cartpend_dae.discover.workbench import Workbench, augmented, renamed
 from cartpend_dae.effects import Card, Insertion, catalogue, places
-from cartpend_dae.effects.insert import component_at
+from cartpend_dae.effects.walk import component_at
 from cartpend_dae.errors import ModelError
 from cartpend_dae.identify import Fit
 from cartpend_dae.language import Component, bindings_of
@@ -50,7 +50,7 @@ def discover(
         If a place does not exist, or nothing may be tried.
     """
     measured = tuple(dict.fromkeys(name for experiment in setup.train for name in experiment.outputs))
-    found = places(setup.model, measured)
+    found = places(setup.model, measured, cards)
     if only_at is not None:
         known = [place.at for place in found]
         for name in only_at:
@@ -86,7 +86,7 @@ def _assess(setup: Setup, insertions: tuple[Insertion, ...], fit: Fit, bandwidth
     runs = renamed((*setup.train, *setup.select, *setup.test), insertions)
     measured: dict[str, str] = {}
     for insertion in insertions:
-        measured |= {new: old for old, new in insertion.measured.items()}
+        measured |= {new: old for old, new in (insertion.measured | insertion.driven).items()}
     return assess(system, fit, runs, setup.scores, bandwidth=bandwidth, step=setup.step, measured=measured)
 
 

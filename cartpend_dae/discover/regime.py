@@ -46,7 +46,7 @@ def find_regime(
     ----------
     L. Ljung, "System Identification: Theory for the User", 2nd ed. (1999), section 7.2 (prediction errors).
     """
-    visible = [candidate for candidate in screened if any(candidate.parameters.values())]
+    visible = [c for c in screened if any(c.parameters[name] for name in c.insertion.size_names)]
     everything = tuple(candidate.insertion for candidate in visible)
     hints = {name: value for candidate in visible for name, value in candidate.parameters.items()}
     rungs = _rungs(bench)

@@ -28,7 +28,7 @@ class Workbench:
 
     def problem(self, insertions: tuple[Insertion, ...], hints: Mapping[str, float] | None = None) -> Problem:
         """Return the problem of the model with effects; `hints` are sizes of the effects' parameters."""
-        key = tuple(insertion.prefix for insertion in insertions)
+        key = tuple(str((insertion.prefix, dict(insertion.values))) for insertion in insertions)
         if key not in self._problems:
             self._problems[key] = self.build(insertions, self.setup.train, hints or {})
         return self._problems[key]
@@ -57,18 +57,10 @@ class Workbench:
                 )
             )
         for insertion in insertions:
-            for name, item in zip(insertion.parameter_names, insertion.card.parameters, strict=True):
+            for (name, start), item in zip(insertion.starts.items(), insertion.parameters, strict=True):
                 hint = abs(hints.get(name, 0.0)) or None
-                free.append(
-                    free_parameter(
-                        system,
-                        name,
-                        guess=0.0,
-                        lower=_finite(item.lower),
-                        upper=_finite(item.upper),
-                        scale=hint,
-                    )
-                )
+                lower, upper = (_finite(bound) for bound in item.bounds_at(insertion.place.kind))
+                free.append(free_parameter(system, name, guess=start, lower=lower, upper=upper, scale=hint))
         setup = self.setup
         ties = tuple(tie(system, name, text) for name, text in setup.ties)
         runs = renamed(experiments, insertions)
@@ -122,16 +114,19 @@ def augmented(model: Component, insertions: tuple[Insertion, ...]) -> Component:
 
 
 def renamed(experiments: tuple[Experiment, ...], insertions: tuple[Insertion, ...]) -> tuple[Experiment, ...]:
-    """Let measured variables be read behind the sensor effects that were put there."""
-    names: dict[str, str] = {}
+    """Let variables be read behind the sensor effects that were put there, and inputs drive the effects before them."""
+    read: dict[str, str] = {}
+    driven: dict[str, str] = {}
     for insertion in insertions:
-        names |= insertion.measured
-    if not names:
+        read |= insertion.measured
+        driven |= insertion.driven
+    if not read and not driven:
         return experiments
     return tuple(
         replace(
             experiment,
-            outputs={names.get(name, name): channel for name, channel in experiment.outputs.items()},
+            inputs={driven.get(name, name): channel for name, channel in experiment.inputs.items()},
+            outputs={read.get(name, name): channel for name, channel in experiment.outputs.items()},
         )
         for experiment in experiments
     )

@@ -1,36 +1,150 @@
 """What the catalogue knows of an effect besides its equations."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import product
 from typing import Literal
 
+import numpy as np
+
 from cartpend_dae.language import Component, Port
+from cartpend_dae.library import electrical, rotational, translational
+
+Kind = type[Port] | None
+Manner = Literal["parallel", "series", "law", "sensor", "input"]
+Role = Literal["size", "shape", "choice"]
+
+R, T, E = rotational.Flange, translational.Flange, electrical.Pin
+KINDS: tuple[Kind, ...] = (R, T, E, None)
+# a positive shape is looked for within this factor of the values that it is tried from
+SPAN = 20.0
 
 
 @dataclass(frozen=True, slots=True)
 class EffectParameter:
-    """A parameter of an effect by kind of port: its name, bounds in SI, and that it is zero without effect."""
+    """A parameter of an effect by kind of port: its name, bounds and the values to start from, in SI.
 
-    names: dict[type[Port] | None, str]
+    A `size` starts at 0, where the effect is absent. A `shape` has no meaning there, and starts at each of its
+    values in turn. A `choice` is a structural number, such as that of teeth: it is tried, and not estimated.
+    """
+
+    names: Mapping[Kind, str]
     lower: float
     upper: float
+    role: Role = "size"
+    starts: Mapping[Kind, tuple[float, ...]] = field(default_factory=dict)
+
+    def starts_at(self, kind: Kind) -> tuple[float, ...]:
+        """Return the values from which to start at a kind of port."""
+        return self.starts.get(kind, (0.0,))
+
+    def bounds_at(self, kind: Kind) -> tuple[float, float]:
+        """Return lower and upper bound at a kind of port; a shape stays near the values it is tried from."""
+        starts = self.starts_at(kind)
+        if self.role == "size" or min(starts) <= 0:
+            return self.lower, self.upper
+        return max(self.lower, min(starts) / SPAN), min(self.upper, max(starts) * SPAN)
 
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """One effect of the catalogue; its equations are those of ordinary library components.
+    """One effect of the catalogue; its equations are those of ordinary components, of the library or of a user.
 
-    `components` gives the component for each class of port (None: a measured signal). `insertion` says
-    where it goes: parallel between two flanges, or between a model output and its sensor.
+    Parameters
+    ----------
+    id, summary
+        Its name in results, and what it is.
+    insertion
+        Where it goes: ``parallel`` between two flanges or a flange and ground; in ``series``, between a port and what
+        is joined to it; in the ``law`` of a component, whose constant it multiplies; between the model and a
+        ``sensor``; before an ``input`` of an actuator.
+    components
+        The component for each kind of port; None where it joins signals. Two flanges named `flange_a` and `flange_b`,
+        two pins `pin_p` and `pin_n`, or a signal `u` in and `y` out; a law has `y` out, and `reads` its inputs.
+    parameters
+        What is estimated, and from where.
+    dissipative
+        It can only take energy away.
+    nested_in
+        Effects that contain this one.
+    equivalent_to
+        Effects that data cannot tell from it, each in the situation that is said.
+    regressors
+        What its force, torque or error depends on.
+    excited_by
+        The experiment that shows it.
+    source
+        Where it comes from.
+    hosts
+        Components at which it may stand; all, if empty.
+    constant, reads
+        Of a law: the parameter of the host that it multiplies, and {input of the effect: variable of the host}.
+    units
+        Of a sensor or an input: units that it may have; all, if empty.
+    is_linear
+        The motion's equations are linear in all its sizes.
     """
 
     id: str
     summary: str
-    insertion: Literal["parallel", "sensor"]
-    components: dict[type[Port] | None, type[Component]]
+    insertion: Manner
+    components: Mapping[Kind, type[Component]]
     parameters: tuple[EffectParameter, ...]
     dissipative: bool
     nested_in: tuple[str, ...]
-    equivalent_to: tuple[str, ...]
+    equivalent_to: Mapping[str, str]
     regressors: tuple[str, ...]
     excited_by: str
     source: str
+    hosts: tuple[type[Component], ...] = ()
+    constant: str = ""
+    reads: Mapping[str, str] = field(default_factory=dict)
+    units: tuple[str, ...] = ()
+    is_linear: bool = True
+
+    def starts(self, kind: Kind) -> tuple[dict[str, float], ...]:
+        """Return every combination of values of shapes and choices from which to start, by name of the parameter."""
+        items = [item for item in self.parameters if item.role != "size"]
+        values = product(*(item.starts_at(kind) for item in items))
+        return tuple(
+            dict(zip([item.names[kind] for item in items], combination, strict=True)) for combination in values
+        )
+
+
+def size(name: str, at_point: str = "", *, lower: float = -np.inf, upper: float = np.inf) -> EffectParameter:
+    """Return a parameter that is 0 without the effect; `at_point` is its name on a line, where that is another one."""
+    return EffectParameter(_names(name, at_point), lower, upper)
+
+
+def level(name: str, at_point: str = "", *, upper: float = np.inf) -> EffectParameter:
+    """Return a parameter that is 0 without the effect and cannot be negative."""
+    return size(name, at_point, lower=0.0, upper=upper)
+
+
+def shape(
+    name: str,
+    starts: tuple[float, ...],
+    at_point: tuple[str, tuple[float, ...]] | None = None,
+    *,
+    lower: float = -np.inf,
+    upper: float = np.inf,
+) -> EffectParameter:
+    """Return a parameter that only has a meaning where the effect is; `at_point` is its name and starts on a line."""
+    other, values = at_point or (name, starts)
+    return EffectParameter(_names(name, other), lower, upper, "shape", _starts(starts, values))
+
+
+def choice(
+    name: str, starts: tuple[float, ...], at_point: tuple[str, tuple[float, ...]] | None = None
+) -> EffectParameter:
+    """Return a parameter that is tried at each of its values and not estimated."""
+    other, values = at_point or (name, starts)
+    return EffectParameter(_names(name, other), -np.inf, np.inf, "choice", _starts(starts, values))
+
+
+def _names(name: str, at_point: str) -> dict[Kind, str]:
+    return dict.fromkeys(KINDS, name) | {T: at_point or name}
+
+
+def _starts(starts: tuple[float, ...], at_point: tuple[float, ...]) -> dict[Kind, tuple[float, ...]]:
+    return dict.fromkeys(KINDS, starts) | {T: at_point}

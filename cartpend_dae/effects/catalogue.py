@@ -1,106 +1,79 @@
 """The effects that `discover` tries."""
 
-import numpy as np
+from pathlib import Path
 
-from cartpend_dae.effects.card import Card, EffectParameter
-from cartpend_dae.library import rotational, signals, translational
+from cartpend_dae.effects.card import Card
+from cartpend_dae.effects.elastic import elastic_cards
+from cartpend_dae.effects.electrical import electrical_cards
+from cartpend_dae.effects.friction import friction_cards
+from cartpend_dae.effects.inertial import inertial_cards
+from cartpend_dae.effects.input import input_cards
+from cartpend_dae.effects.kinematic import kinematic_cards
+from cartpend_dae.effects.loads import load_cards
+from cartpend_dae.effects.sensor import sensor_cards
+from cartpend_dae.errors import ModelError
+from cartpend_dae.explain import nearest
+from cartpend_dae.study import run_file
 
-_R, _T = rotational.Flange, translational.Flange
-_INF = float(np.inf)
 
+def catalogue(*files: Path | str) -> tuple[Card, ...]:
+    """Return the cards of all effects, ordered by the number of their parameters and then by id.
 
-def catalogue() -> tuple[Card, ...]:
-    """Return the cards of all effects, ordered by the number of their parameters and then by id."""
-    return (
-        Card(
-            id="constant_load",
-            summary="a constant force, as of a tilted track, a weight or an offset of the drive",
-            insertion="parallel",
-            components={_R: rotational.ConstantLoad, _T: translational.ConstantLoad},
-            parameters=(EffectParameter({_R: "tau_0", _T: "f_0"}, -_INF, _INF),),
-            dissipative=False,
-            nested_in=(),
-            equivalent_to=("sensor_offset", "linear_stiffness"),
-            regressors=("1",),
-            excited_by="motion in both directions, or a run at another amplitude",
-            source="gravity component m g sin(alpha) along the motion",
-        ),
-        Card(
-            id="coulomb_friction",
-            summary="dry friction of constant level that sticks at rest",
-            insertion="parallel",
-            components={_R: rotational.CoulombFriction, _T: translational.CoulombFriction},
-            parameters=(EffectParameter({_R: "tau_c", _T: "f_c"}, 0.0, _INF),),
-            dissipative=True,
-            nested_in=("stribeck_friction", "asymmetric_friction"),
-            equivalent_to=(),
-            regressors=("sign v",),
-            excited_by="motion at two amplitudes, with reversals",
-            source="B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994), 1083-1138",
-        ),
-        Card(
-            id="cubic_stiffness",
-            summary="a spring force that grows with the cube of the displacement",
-            insertion="parallel",
-            components={_R: rotational.CubicStiffness, _T: translational.CubicStiffness},
-            parameters=(EffectParameter({_R: "c3", _T: "c3"}, -_INF, _INF),),
-            dissipative=False,
-            nested_in=(),
-            equivalent_to=(),
-            regressors=("x^3",),
-            excited_by="two amplitudes: the frequency changes with amplitude",
-            source="G. Duffing, Erzwungene Schwingungen bei veraenderlicher Eigenfrequenz (1918)",
-        ),
-        Card(
-            id="linear_stiffness",
-            summary="a spring force proportional to the displacement",
-            insertion="parallel",
-            components={_R: rotational.LinearStiffness, _T: translational.LinearStiffness},
-            parameters=(EffectParameter({_R: "c", _T: "c"}, -_INF, _INF),),
-            dissipative=False,
-            nested_in=("cubic_stiffness",),
-            equivalent_to=("constant_load",),
-            regressors=("x",),
-            excited_by="slow motion over the whole range",
-            source="R. Hooke, De potentia restitutiva (1678)",
-        ),
-        Card(
-            id="quadratic_drag",
-            summary="drag that grows with the square of the speed, as of air",
-            insertion="parallel",
-            components={_R: rotational.QuadraticDrag, _T: translational.QuadraticDrag},
-            parameters=(EffectParameter({_R: "d2", _T: "d2"}, 0.0, _INF),),
-            dissipative=True,
-            nested_in=(),
-            equivalent_to=(),
-            regressors=("v |v|",),
-            excited_by="two amplitudes, the larger with high speed",
-            source="1/2 rho c_w A v^2; L. Prandtl, Ergebnisse der aerodynamischen Versuchsanstalt (1921)",
-        ),
-        Card(
-            id="sensor_offset",
-            summary="a sensor whose zero is off by a constant",
-            insertion="sensor",
-            components={None: signals.SensorOffset},
-            parameters=(EffectParameter({None: "y_0"}, -_INF, _INF),),
-            dissipative=False,
-            nested_in=(),
-            equivalent_to=("constant_load",),
-            regressors=("1",),
-            excited_by="a motion whose rest position or symmetry is known, at two amplitudes",
-            source="y = x + y_0",
-        ),
-        Card(
-            id="viscous_friction",
-            summary="friction proportional to the speed",
-            insertion="parallel",
-            components={_R: rotational.ViscousFriction, _T: translational.ViscousFriction},
-            parameters=(EffectParameter({_R: "d", _T: "d"}, 0.0, _INF),),
-            dissipative=True,
-            nested_in=("stribeck_friction",),
-            equivalent_to=(),
-            regressors=("v",),
-            excited_by="any motion of some duration",
-            source="O. Reynolds, Phil. Trans. R. Soc. 177 (1886), 157-234",
-        ),
+    Parameters
+    ----------
+    files
+        Python files with effects of a user's own: every `Card` that stands in one by a name of its own is taken.
+        A card of the package's own id takes the place of that one.
+
+    Raises
+    ------
+    StudyError
+        If a file cannot be read or fails.
+    ModelError
+        If a file has no card.
+    """
+    groups = (
+        friction_cards(),
+        elastic_cards(),
+        load_cards(),
+        inertial_cards(),
+        electrical_cards(),
+        kinematic_cards(),
+        sensor_cards(),
+        input_cards(),
+        *(cards_of(Path(file)) for file in files),
     )
+    by_id = {card.id: card for group in groups for card in group}
+    return tuple(sorted(by_id.values(), key=lambda card: (len(card.parameters), card.id)))
+
+
+def cards_of(file: Path) -> tuple[Card, ...]:
+    """Return the cards that stand in a Python file.
+
+    Raises
+    ------
+    StudyError
+        If the file cannot be read or fails.
+    ModelError
+        If it has none.
+    """
+    found = tuple(
+        value for value in vars(run_file(file.absolute(), "file of effects")).values() if isinstance(value, Card)
+    )
+    if not found:
+        raise ModelError(f"{file}: there is no card in it; write `CARD = Card(id=..., ...)` beside the component.")
+    return found
+
+
+def card_of(effect: str) -> Card:
+    """Return the card of the package with an id.
+
+    Raises
+    ------
+    ModelError
+        If there is none; the nearest are offered.
+    """
+    cards = {card.id: card for card in catalogue()}
+    if effect not in cards:
+        raise ModelError(f"There is no effect `{effect}`{nearest(effect, list(cards))}")
+    return cards[effect]

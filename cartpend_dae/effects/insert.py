@@ -1,28 +1,27 @@
-"""Insertion of effects into any model, and copies of models."""
+"""Insertion of effects into any model, by code.
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+parallel   port_a --[effect]-- port_b           beside what is there; port_a may be ground
+series     port --[effect]-- the rest           the connection set of the port is split in two
+law        k becomes k y                         in the equations of one component
+sensor     variable --[effect]-- its readers     and its name in the records
+input      its source --[effect]-- the input     and its name in the records
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import casadi as ca
 
-from cartpend_dae.effects.card import Card
-from cartpend_dae.effects.places import Place, walk
-from cartpend_dae.errors import ModelError
-from cartpend_dae.language import (
-    Component,
-    Connection,
-    Port,
-    attached_to,
-    bindings_of,
-    connect,
-    constructor_fields,
-    parameters_of,
-    parts_of,
-    variables_of,
-)
+from cartpend_dae.effects.card import Card, E, EffectParameter
+from cartpend_dae.effects.catalogue import card_of
+from cartpend_dae.effects.places import Place, place_at
+from cartpend_dae.effects.rebuild import rebuild
+from cartpend_dae.effects.walk import component_at
+from cartpend_dae.language import Component, Port, connect
 from cartpend_dae.library import rotational, translational
 from cartpend_dae.quantities import state_of
-from cartpend_dae.system import unknown_name
+from cartpend_dae.splice import divert, scale
 
 _FIXED: dict[type[Port], type[Component]] = {
     rotational.Flange: rotational.Fixed,
@@ -32,10 +31,14 @@ _FIXED: dict[type[Port], type[Component]] = {
 
 @dataclass(frozen=True, slots=True)
 class Insertion:
-    """An effect at a place; `prefix` is the dotted name of its component in the model."""
+    """An effect at a place; `prefix` is the dotted name of its component in the model.
+
+    `values` are numbers of its parameters, where they are not those with which it is absent: starts of shapes, choices.
+    """
 
     card: Card
     place: Place
+    values: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def prefix(self) -> str:
@@ -43,40 +46,105 @@ class Insertion:
         return f"{self.place.at}.{self.card.id}"
 
     @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        """Parameters of the effect that can be estimated: all but choices."""
+        return tuple(item for item in self.card.parameters if item.role != "choice")
+
+    @property
     def parameter_names(self) -> tuple[str, ...]:
-        """Dotted names of the effect's parameters."""
-        return tuple(f"{self.prefix}.{item.names[self.place.kind]}" for item in self.card.parameters)
+        """Dotted names of the parameters that can be estimated."""
+        return tuple(f"{self.prefix}.{item.names[self.place.kind]}" for item in self.parameters)
+
+    @property
+    def size_names(self) -> tuple[str, ...]:
+        """Dotted names of the parameters that are 0 where the effect is absent."""
+        pairs = zip(self.parameter_names, self.parameters, strict=True)
+        return tuple(name for name, item in pairs if item.role == "size")
+
+    @property
+    def starts(self) -> dict[str, float]:
+        """The values from which an estimation begins, by dotted name."""
+        kind = self.place.kind
+        names = (item.names[kind] for item in self.parameters)
+        firsts = (item.starts_at(kind)[0] for item in self.parameters)
+        return {
+            f"{self.prefix}.{name}": self.values.get(name, first) for name, first in zip(names, firsts, strict=True)
+        }
 
     @property
     def measured(self) -> dict[str, str]:
         """Measured variables that must be read from another one now: {old name: new name}."""
         return {self.place.at: f"{self.prefix}.y"} if self.card.insertion == "sensor" else {}
 
+    @property
+    def driven(self) -> dict[str, str]:
+        """Inputs that must be given to another one now: {old name: new name}."""
+        return {self.place.at: f"{self.prefix}.u"} if self.card.insertion == "input" else {}
 
-def insert(model: Component, insertion: Insertion) -> Component:
-    """Return a copy of a model with an effect in it; the effect starts without effect.
+
+def insert(
+    model: Component,
+    effect: Card | str | Insertion,
+    at: Place | str | None = None,
+    **values: float,
+) -> Component:
+    """Return a copy of a model with an effect in it; without values the effect is there, and not felt.
+
+    The effect stands under its place: ``insert(model, "coulomb_friction", "bearing")`` has the parameter
+    ``bearing.coulomb_friction.tau_c``. Behind a sensor `encoder.s` the signal is ``encoder.s.sensor_gain.y``, before an
+    input `amplifier.u` the new input is ``amplifier.u.dead_zone.u``.
 
     Parameters
     ----------
     model
         The model; it is left as it is.
-    insertion
-        The effect and its place.
+    effect
+        The card of an effect, or its id in the catalogue.
+    at
+        The place, or its dotted name: a component for an effect in parallel, a port for one in series, a parameter for
+        one in a law, else a variable or signal.
+    values
+        Parameters of the effect by name, in SI.
 
     Raises
     ------
     ModelError
-        If the place does not exist.
+        If there is no such effect or place.
+    TypeError
+        If the effect has no such parameter.
     """
+    insertion = effect if isinstance(effect, Insertion) else _insertion(model, effect, at, values)
     fresh = rebuild(model)
-    place, card = insertion.place, insertion.card
-    effect = card.components[place.kind]()
-    if card.insertion == "sensor":
-        path, _, variable = place.at.rpartition(".")
-        owner = component_at(fresh, path)
-        owner.attach(f"{variable}.{card.id}", effect, connect(getattr(owner, variable), effect.u))  # type: ignore[attr-defined]
+    card, place = insertion.card, insertion.place
+    made = card.components[place.kind](**_given(insertion))
+    if card.insertion == "parallel":
+        _beside(fresh, card, place, made)
         return fresh
-    owner = component_at(fresh, place.at)
+    path, _, name = place.at.rpartition(".")
+    owner, label = component_at(fresh, path), f"{name}.{card.id}"
+    if card.insertion == "law":
+        joints = [connect(getattr(owner, read), getattr(made, own)) for own, read in card.reads.items()]
+        scale(owner, name, owner.attach(label, made, *joints).y)  # type: ignore[attr-defined]
+    else:
+        near, far = _ends(card, place)
+        ends = (_nearest_end(owner, name), getattr(made, near))
+        owner.attach(label, made, connect(*(reversed(ends) if card.insertion == "input" else ends)))
+        divert(owner, name, getattr(made, far))
+    return fresh
+
+
+def _insertion(model: Component, effect: Card | str, at: Place | str | None, values: Mapping[str, float]) -> Insertion:
+    card = card_of(effect) if isinstance(effect, str) else effect
+    return Insertion(card, at if isinstance(at, Place) else place_at(model, card, at or ""), values)
+
+
+def _given(insertion: Insertion) -> dict[str, Any]:
+    """Return the arguments with which the component is made: those given, and else the first start of each shape."""
+    return {**insertion.card.starts(insertion.place.kind)[0], **insertion.values}
+
+
+def _beside(model: Component, card: Card, place: Place, effect: Component) -> None:
+    owner = component_at(model, place.at)
     flange_a, flange_b = effect.flange_a, effect.flange_b  # type: ignore[attr-defined]
     assert place.kind is not None and place.port_b is not None
     if place.port_a is None:
@@ -86,81 +154,18 @@ def insert(model: Component, insertion: Insertion) -> Component:
     else:
         joined = [connect(getattr(owner, place.port_a), flange_a)]
     owner.attach(card.id, effect, *joined, connect(getattr(owner, place.port_b), flange_b))
-    return fresh
 
 
-def component_at(model: Component, path: str) -> Component:
-    """Return the component of a dotted path; an empty path is the model itself.
-
-    Raises
-    ------
-    ModelError
-        If there is none; the nearest names are offered.
-    """
-    for found, component in walk(model):
-        if found == path:
-            return component
-    raise ModelError(unknown_name("component", path, [p for p, _ in walk(model)], type(model).__name__))
+def _ends(card: Card, place: Place) -> tuple[str, str]:
+    """Return which end of an effect is joined to the place itself, and which to the rest of the model."""
+    if card.insertion == "sensor":
+        return "u", "y"
+    if card.insertion == "input":
+        return "y", "u"
+    return ("pin_p", "pin_n") if place.kind is E else ("flange_a", "flange_b")
 
 
-def rebuild(model: Component) -> Component:
-    """Make an equal model anew, attached parts and changed parameters included."""
-    fresh = _construct(model)
-    _copy_bindings(model, fresh)
-    for path, component in list(walk(model)):
-        for name, (part, connections) in attached_to(component).items():
-            owner = component_at(fresh, path)
-            if name in attached_to(owner):  # the model attaches it itself when it is made
-                continue
-            owner.attach(name, rebuild(part))
-            _rejoin(model, fresh, owner, name, connections)
-    return fresh
-
-
-def _construct(component: Component) -> Component:
-    cls = type(component)
-    declared = parameters_of(cls)
-    arguments = {
-        name: bindings_of(component)[name] if name in declared else getattr(component, name)
-        for name in constructor_fields(cls)
-    }
-    return cls(**arguments)
-
-
-def _copy_bindings(old: Component, new: Component) -> None:
-    """Copy numbers that were assigned after construction; expressions of parents stand already."""
-    for name, value in bindings_of(old).items():
-        if ca.SX(value).is_constant():
-            bindings_of(new)[name] = value
-    state_of(new).unknown.update(state_of(old).unknown)
-    new_parts = parts_of(new)
-    for name, part in parts_of(old).items():
-        if name in new_parts:
-            _copy_bindings(part, new_parts[name])
-
-
-def _rejoin(
-    model: Component, fresh: Component, owner: Component, name: str, connections: tuple[Connection, ...]
-) -> None:
-    """Repeat connections of an attached part with the ports and signals of the new model."""
-    paths = {id(component): path for path, component in walk(model)}
-    signals = {
-        symbol.element_hash(): (path, variable)
-        for path, component in walk(model)
-        for variable, symbol in _signals(component)
-    }
-
-    def translated(end: Port | ca.SX) -> Port | ca.SX:
-        if isinstance(end, Port):
-            return getattr(component_at(fresh, paths[id(end.owner)]), end.name)
-        path, variable = signals[end.element_hash()]
-        return getattr(component_at(fresh, path), variable)
-
-    part, _ = attached_to(owner)[name]
-    renewed = tuple(Connection(tuple(translated(end) for end in connection.ends)) for connection in connections)
-    attached_to(owner)[name] = (part, renewed)
-
-
-def _signals(component: Component) -> Iterator[tuple[str, ca.SX]]:
-    for variable in variables_of(type(component)):
-        yield variable, getattr(component, variable)
+def _nearest_end(owner: Component, name: str) -> Port | ca.SX:
+    """Return what the model reaches at a port or signal: the far end of the last effect there, or the thing itself."""
+    diverted = state_of(owner).diverted
+    return diverted[name] if name in diverted else getattr(owner, name)

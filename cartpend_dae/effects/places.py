@@ -1,49 +1,75 @@
-"""Where effects may stand in a model, one place for each motion that data can tell apart."""
+"""Where effects may stand in a model, one place for each motion, force or signal that data can tell apart."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
 from cartpend_dae.alias import alias
+from cartpend_dae.effects.card import Card, E, Kind, Manner, R, T
+from cartpend_dae.effects.catalogue import catalogue
+from cartpend_dae.effects.walk import walk
+from cartpend_dae.errors import ModelError
+from cartpend_dae.explain import nearest
 from cartpend_dae.flatten import flatten
-from cartpend_dae.language import Component, parameters_of, parts_of, used_ports_of
+from cartpend_dae.language import Component, parameters_of, parts_of, ports_of, used_ports_of, variables_of
 from cartpend_dae.library import rotational, translational
-from cartpend_dae.quantities import Port
+from cartpend_dae.quantities import Discrete, Port, Signal, state_of
 from cartpend_dae.system import AliasedSystem, Coefficient, Relation, symbolic
+from cartpend_dae.units import same_dimension
 
 # the coordinate of a flange; an effect between two flanges acts along it
-COORDINATE: dict[type[Port], str] = {rotational.Flange: "phi", translational.Flange: "s"}
+COORDINATE: dict[type[Port], str] = {R: "phi", T: "s"}
+# what passes through a port; an effect in series carries it
+THROUGH: dict[type[Port], str] = {R: "tau", T: "f", E: "i"}
 _DAMPING_UNITS = ("N.s/m", "N.m.s/rad")
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where an effect may stand: between `port_a` (None: ground) and `port_b` of the component `at`.
+    """Where an effect may stand.
 
-    For a sensor `at` is the measured variable and there are no ports. `same_motion` lists the places that
-    move alike, up to a factor, so that no data can tell them apart.
+    Parameters
+    ----------
+    at
+        Dotted name: of a component (parallel), a port (series), a parameter (law), or a signal or variable.
+    kind
+        The class of the ports that it joins; None for signals.
+    port_a, port_b
+        The ports of the component between which it stands, `port_a` None for ground; in series its port is `port_b`.
+    same_motion
+        Places that move alike, or pass on the same force or current, up to a factor: no data can tell them apart.
+    insertion
+        How an effect goes there.
+    host
+        The class of the component.
+    unit
+        Of a sensor or an input: the unit of the variable.
+    rival
+        The kind of the place that stands for the same motion; an effect that fits there does not go here.
     """
 
     at: str
-    kind: type[Port] | None
+    kind: Kind
     port_a: str | None
     port_b: str | None
     same_motion: tuple[str, ...]
+    insertion: Manner = "parallel"
+    host: type[Component] = Component
+    unit: str = "1"
+    rival: Kind = None
 
 
-def walk(model: Component, path: str = "") -> Iterator[tuple[str, Component]]:
-    """Yield all components with their dotted paths, the model itself first."""
-    yield path, model
-    for name, part in parts_of(model).items():
-        yield from walk(part, f"{path}.{name}" if path else name)
-
-
-def places(model: Component, measured: tuple[str, ...] = ()) -> tuple[Place, ...]:
-    """Return the places of a model.
+def places(
+    model: Component, measured: tuple[str, ...] = (), cards: tuple[Card, ...] | None = None
+) -> tuple[Place, ...]:
+    """Return the places of a model at which an effect may stand; `fits` tells which.
 
     An element between two flanges is a place across it, any other body one against ground. Of places that
-    move alike the element with a damping law stands for all, as friction belongs there; then the first.
+    move alike the element with a damping law stands for all, as friction belongs there; then the first. A port that
+    passes something on is a place in series; of those that pass on the same, that of a gear stands for all, then the
+    first. Where the best place is on a shaft and an effect only goes on a line, or the other way round, the best place
+    of its own kind stands behind it. Constants are places in a law, inputs of actuators places before them.
 
     Parameters
     ----------
@@ -51,27 +77,178 @@ def places(model: Component, measured: tuple[str, ...] = ()) -> tuple[Place, ...
         The model.
     measured
         Names of measured variables, which are places for sensor effects.
+    cards
+        The effects; those of the catalogue if None.
     """
+    known = catalogue() if cards is None else cards
     aliased = alias(flatten(model))
-    position_of = {variable.name: i for i, variable in enumerate(aliased.flat.variables)}
-    number = _evaluation(aliased)
+    reading = _Reading(aliased, {v.name: i for i, v in enumerate(aliased.flat.variables)}, _evaluation(aliased))
+    sensors = (_sensor(model, name) for name in measured)
+    found = (*_parallel(model, reading), *_series(model, reading), *_constants(model), *_inputs(model), *sensors)
+    return tuple(place for place in found if any(fits(card, place) for card in known))
+
+
+def fits(card: Card, place: Place) -> bool:
+    """True if the effect of a card may stand at a place."""
+    if card.insertion != place.insertion or place.kind not in card.components:
+        return False
+    if place.rival is not None and place.rival in card.components:
+        return False
+    if not issubclass(place.host, card.hosts or Component) or (_is_ground(place) and not card.hosts):
+        return False
+    if card.insertion == "law":
+        return place.at.rpartition(".")[2] == card.constant
+    return not card.units or any(same_dimension(place.unit, unit) for unit in card.units)
+
+
+def place_at(model: Component, card: Card, at: str) -> Place:
+    """Return the place of a name for the effect of a card, whether or not another one moves alike.
+
+    Parameters
+    ----------
+    model
+        The model.
+    card
+        The effect.
+    at
+        Dotted name: a component for an effect in parallel, a port for one in series, a parameter for one in a law,
+        else a variable or signal.
+
+    Raises
+    ------
+    ModelError
+        If there is no such place; the nearest ones are offered.
+    """
+    found = {place.at: place for place in _named(model, card) if fits(card, place)}
+    if at not in found:
+        raise ModelError(
+            f"`{at}` is no place for `{card.id}` in {type(model).__name__}, which goes {_WHERE[card.insertion]}"
+            f"{nearest(at, list(found))}"
+        )
+    return found[at]
+
+
+_WHERE: dict[Manner, str] = {
+    "parallel": "across a component with two flanges or between one and ground",
+    "series": "between a port and what is joined to it",
+    "law": "into the constant of a component",
+    "sensor": "behind a variable",
+    "input": "before the input of an actuator",
+}
+
+
+def _named(model: Component, card: Card) -> Iterator[Place]:
+    """Yield every place of the manner of a card, not merged; of two at one component the one across it."""
+    for path, component in walk(model):
+        if card.insertion == "parallel" and path:
+            for kind, port_a, port_b in reversed(list(_pairs(component))):
+                yield Place(path, kind, port_a, port_b, (), "parallel", type(component))
+        if card.insertion == "series" and path:
+            yield from _ports(path, component)
+        if card.insertion == "sensor":
+            names = (name for name, q in variables_of(type(component)).items() if not isinstance(q, Discrete))
+            yield from (_variable(path, component, name, "sensor") for name in names)
+    if card.insertion == "law":
+        yield from (place for place in _constants(model) if place.at.rpartition(".")[2] == card.constant)
+    if card.insertion == "input":
+        yield from _inputs(model)
+
+
+@dataclass(frozen=True, slots=True)
+class _Reading:
+    """The aliased model, and how to read it: variables by name, and the values of coefficients."""
+
+    aliased: AliasedSystem
+    position_of: dict[str, int]
+    number: Callable[[Coefficient], float]
+
+    def relation(self, name: str) -> Relation:
+        return self.aliased.relations[self.position_of[name]]
+
+
+def _parallel(model: Component, reading: _Reading) -> Iterator[Place]:
     groups: dict[tuple[object, ...], list[tuple[tuple[int, int], Place]]] = {}
     for order, (path, component) in enumerate(walk(model)):
         for kind, port_a, port_b in _pairs(component) if path else ():
-            ends = [
-                None if p is None else aliased.relations[position_of[f"{path}.{p}.{COORDINATE[kind]}"]]
-                for p in (port_a, port_b)
-            ]
-            motion = _motion(ends[1], ends[0], number)
+            ends = [None if p is None else reading.relation(f"{path}.{p}.{COORDINATE[kind]}") for p in (port_a, port_b)]
+            motion = _motion(ends[1], ends[0], reading.number)
             if motion:
                 rank = (2 if port_a is None else 0 if _is_damped(component) else 1, order)
-                groups.setdefault(motion, []).append((rank, Place(path, kind, port_a, port_b, ())))
-    found = []
+                place = Place(path, kind, port_a, port_b, (), "parallel", type(component))
+                groups.setdefault(motion, []).append((rank, place))
+    yield from _merged(groups)
+
+
+def _series(model: Component, reading: _Reading) -> Iterator[Place]:
+    groups: dict[tuple[object, ...], list[tuple[tuple[int, int], Place]]] = {}
+    for order, (path, component) in enumerate(walk(model)):
+        for place in _ports(path, component) if path else ():
+            assert place.kind is not None
+            relation = reading.relation(f"{place.at}.{THROUGH[place.kind]}")
+            if relation.base < 0:  # it passes nothing on
+                continue
+            is_gear = len({type(port) for port in used_ports_of(component).values()} & set(COORDINATE)) == 2
+            # a force that is a function of position differs from another one of it by more than a factor
+            share = round(reading.number(relation.offset) / reading.number(relation.factor), 9)
+            # a base stands apart: an effect there moves what hangs on it against ground
+            key = (relation.base, relation.order, share, place.at if _is_ground(place) else "")
+            groups.setdefault(key, []).append(((0 if is_gear else 1, order), place))
+    yield from _merged(groups)
+
+
+def _is_ground(place: Place) -> bool:
+    return place.insertion == "series" and place.host in (rotational.Fixed, translational.Fixed)
+
+
+def _merged(groups: dict[tuple[object, ...], list[tuple[tuple[int, int], Place]]]) -> Iterator[Place]:
+    """Yield the best place of each group, and the best of each other kind behind it; the others are named."""
     for group in groups.values():
-        best = min(group, key=lambda item: item[0])[1]
-        others = tuple(dict.fromkeys(place.at for _, place in group if place.at != best.at))
-        found.append(Place(best.at, best.kind, best.port_a, best.port_b, others))
-    return (*found, *(Place(name, None, None, None, ()) for name in measured))
+        ordered = [place for _, place in sorted(group, key=lambda item: item[0])]
+        names = tuple(dict.fromkeys(place.at for place in ordered))
+        first = ordered[0]
+        for kind in dict.fromkeys(place.kind for place in ordered):
+            best = next(place for place in ordered if place.kind is kind)
+            others = tuple(name for name in names if name != best.at)
+            yield replace(best, same_motion=others, rival=None if kind is first.kind else first.kind)
+
+
+def _ports(path: str, component: Component) -> Iterator[Place]:
+    for name, port in used_ports_of(component).items():
+        if type(port) in THROUGH:
+            yield Place(f"{path}.{name}", type(port), None, name, (), "series", type(component))
+
+
+def _constants(model: Component) -> Iterator[Place]:
+    """Yield the parameters of components without parts, which are those that a factor can multiply."""
+    for path, component in walk(model):
+        attached = state_of(component).attached
+        if path and not any(part not in attached for part in parts_of(component)):
+            for name, declared in parameters_of(type(component)).items():
+                unit = declared.declaration.unit
+                yield Place(f"{path}.{name}", None, None, None, (), "law", type(component), unit)
+
+
+def _inputs(model: Component) -> Iterator[Place]:
+    """Yield the input signals of components that have ports: those of actuators."""
+    for path, component in walk(model):
+        for name, declared in variables_of(type(component)).items():
+            is_input = isinstance(declared, Signal) and declared.direction == "in"
+            if path and is_input and ports_of(type(component)):
+                yield _variable(path, component, name, "input")
+
+
+def _sensor(model: Component, name: str) -> Place:
+    path, _, variable = name.rpartition(".")
+    for found, component in walk(model):
+        if found == path and variable in variables_of(type(component)):
+            return _variable(path, component, variable, "sensor")
+    # a quantity of a port, or one that an effect has put there: nothing stands behind it
+    return Place(name, None, None, None, (), "sensor")
+
+
+def _variable(path: str, component: Component, name: str, manner: Manner) -> Place:
+    unit = variables_of(type(component))[name].declaration.unit
+    return Place(f"{path}.{name}" if path else name, None, None, None, (), manner, type(component), unit)
 
 
 def _is_damped(component: Component) -> bool:

@@ -18,7 +18,7 @@ import casadi as ca
 import cartpend_dae
 from cartpend_dae import language
 from cartpend_dae.discover import Discovery
-from cartpend_dae.effects.places import walk
+from cartpend_dae.effects.walk import walk
 from cartpend_dae.language import Component, Port, attached_to, bindings_of, parameters_of, variables_of
 from cartpend_dae.report.text import effect_name, estimated, quantity, uncertain, with_unit
 from cartpend_dae.session import Opened

@@ -1,0 +1,88 @@
+"""What a line between two pins can lose, and factors that change the constants of a machine; signs as in `electrical`.
+
+A factor stands in the law of another component: `splice.scale` multiplies one of its parameters by `y`. Its current is
+smoothed with the lag T_f, so that the law does not depend on itself at the same instant.
+"""
+
+import casadi as ca
+
+from cartpend_dae.language import Component, Param, Statements, der, initial, param, signal, var
+from cartpend_dae.library.electrical import Branch
+from cartpend_dae.library.laws import wave
+
+
+class SupplySag(Branch):
+    """Line or supply with a resistance, v_p - v_n = R_s i."""
+
+    R_s: Param = param(unit="Ohm", default=0.0, min=0, doc="resistance")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        yield self.pin_p.v - self.pin_n.v == self.R_s * self.i
+
+
+class BrushDrop(Branch):
+    """Brushes, v_p - v_n = V_b tanh(x/i_b), T_f der(x) = i - x: a voltage that depends on little but the direction."""
+
+    x = var(unit="A", doc="current, smoothed")
+    V_b: Param = param(unit="V", default=0.0, min=0, doc="voltage drop of both brushes")
+    i_b: Param = param(unit="A", default=0.5, min=0, doc="current at which it has 76 % of the drop")
+    T_f: Param = param(unit="s", default=0.01, min=0, doc="lag of x")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        yield self.T_f * der(self.x) == self.i - self.x
+        yield initial(self.x == self.i, fixed=False)
+        yield self.pin_p.v - self.pin_n.v == self.V_b * ca.tanh(self.x / self.i_b)
+
+
+class TorqueRipple(Component):
+    """Torque ripple, y = 1 + a_sin sin(n phi) + a_cos cos(n phi): a factor for the constant of a machine.
+
+    The same constant stands in the back-EMF, so that no power is lost.
+    """
+
+    phi = signal("in", unit="rad", doc="angle of the rotor")
+    y = signal("out", unit="1", doc="factor")
+    a_sin: Param = param(unit="1", default=0.0, min=-1, max=1, doc="sine amplitude")
+    a_cos: Param = param(unit="1", default=0.0, min=-1, max=1, doc="cosine amplitude")
+    n: Param = param(unit="1", default=12.0, min=0, doc="periods per turn")
+
+    def equations(self) -> Statements:
+        yield self.y == 1 + wave(self.n * self.phi, self.a_sin, self.a_cos)
+
+
+class MagneticSaturation(Component):
+    """Magnetic saturation, y = 1/(1 + e x^2), T_f der(x) = i - x: a factor for the constant of a machine.
+
+    1/sqrt(e) is the current at which half of the constant is left.
+    """
+
+    i = signal("in", unit="A", doc="current")
+    y = signal("out", unit="1", doc="factor")
+    x = var(unit="A", doc="current, smoothed")
+    e: Param = param(unit="1/A2", default=0.0, min=0, doc="saturation, 1/i_s^2")
+    T_f: Param = param(unit="s", default=0.01, min=0, doc="lag of x")
+
+    def equations(self) -> Statements:
+        yield self.T_f * der(self.x) == self.i - self.x
+        yield initial(self.x == self.i, fixed=False)
+        yield self.y == 1 / (1 + self.e * self.x**2)
+
+
+class WindingHeating(Component):
+    """Winding that gets warm, y = 1 + e x, T_th der(x) = i^2 - x: a factor for its resistance.
+
+    x is the temperature rise in units of a current squared, e = alpha R R_th the rise of the resistance for each of
+    them, and T_th = R_th C_th. It starts cold.
+    """
+
+    i = signal("in", unit="A", doc="current")
+    y = signal("out", unit="1", doc="factor")
+    x = var(unit="A2", doc="square of the steady current that gives this temperature")
+    e: Param = param(unit="1/A2", default=0.0, min=0, doc="relative rise of the resistance per square of the current")
+    T_th: Param = param(unit="s", default=20.0, min=0, doc="thermal time constant")
+
+    def equations(self) -> Statements:
+        yield self.T_th * der(self.x) == self.i**2 - self.x
+        yield self.y == 1 + self.e * self.x

@@ -1,0 +1,74 @@
+"""Laws of effects that a model can lack, the same for forces and for torques, and for lengths and for angles.
+
+x is a displacement, v = der(x) a speed; z is a state of unit 1 whose equation is der(z) = rate(...). Levels multiply z
+from outside, so that every effect is exactly absent where its level is 0, and linear in it.
+"""
+
+import casadi as ca
+
+
+def stribeck_level(v: ca.SX, level: ca.SX, peak: ca.SX, v_s: ca.SX) -> ca.SX:
+    """Return level + (peak - level) exp(-(v/v_s)^2), the level of friction that falls with speed."""
+    return level + (peak - level) * ca.exp(-((v / v_s) ** 2))
+
+
+def breakaway_level(v: ca.SX, level: ca.SX, peak: ca.SX, v_s: ca.SX) -> ca.SX:
+    """Return the peak at rest, the level above the speed v_s, and a straight line in between."""
+    return level + (peak - level) * ca.fmax(0, 1 - ca.fabs(v) / v_s)
+
+
+def not_negative(level: ca.SX) -> ca.SX:
+    """Return the level where it is not negative, else 0; at 0 it has the slope of the level."""
+    return ca.if_else(level >= 0, level, 0)
+
+
+def each_way(v: ca.SX, forward: ca.SX, backward: ca.SX) -> ca.SX:
+    """Return forward v while v > 0, and backward v while v < 0."""
+    return forward * ca.fmax(v, 0) + backward * ca.fmin(v, 0)
+
+
+def presliding_rate(z: ca.SX, v: ca.SX, length: ca.SX, order: int = 1) -> ca.SX:
+    """Return (v - |v| z |z|^(order - 1)) / length: z goes to sgn v within a few lengths, the sharper the higher order.
+
+    Its rate does not depend on time, only on the way; at rest z stays.
+
+    References
+    ----------
+    P. R. Dahl, AIAA Journal 14 (1976), 1675-1682, doi:10.2514/3.61511.
+    """
+    return (v - ca.fabs(v) * z * ca.fabs(z) ** (order - 1)) / length
+
+
+def bouc_wen_rate(z: ca.SX, v: ca.SX, length: ca.SX, beta: ca.SX) -> ca.SX:
+    """Return (v - beta |v| |z| z - (1 - beta) v z^2) / length; z stays between -1 and 1.
+
+    References
+    ----------
+    Y. K. Wen, J. Eng. Mech. Div. 102 (1976), 249-263, doi:10.1061/JMCEA3.0002106, with n = 2 and A = 1.
+    """
+    return (v - beta * ca.fabs(v) * ca.fabs(z) * z - (1 - beta) * v * z**2) / length
+
+
+def wave(angle: ca.SX, sine: ca.SX, cosine: ca.SX) -> ca.SX:
+    """Return sine sin(angle) + cosine cos(angle)."""
+    return sine * ca.sin(angle) + cosine * ca.cos(angle)
+
+
+def contact(depth: ca.SX, speed: ca.SX, c: ca.SX, d_c: ca.SX) -> ca.SX:
+    """Return c depth^1.5 (1 + d_c speed) where depth > 0, never pulling; 0 elsewhere.
+
+    References
+    ----------
+    K. H. Hunt, F. R. E. Crossley, J. Appl. Mech. 42 (1975), 440-445, doi:10.1115/1.3423596.
+    """
+    return c * ca.fmax(depth, 0) ** 1.5 * ca.fmax(0, 1 + d_c * speed)
+
+
+def softer(force: ca.SX, scale: ca.SX) -> ca.SX:
+    """Return scale atan(force/scale), a deflection per compliance that grows ever more slowly with the force."""
+    return scale * ca.atan(force / scale)
+
+
+def beyond(x: ca.SX, low: ca.SX | float, high: ca.SX | float) -> ca.SX:
+    """Return by how much x is above high, or (negative) below low; 0 in between."""
+    return x - ca.fmin(ca.fmax(x, low), high)

@@ -1,0 +1,151 @@
+"""Friction that a turning joint can have besides Coulomb and viscous friction; signs as in `rotational`.
+
+Every level is 0 unless it is set, and then the component is not felt. None of them has events of its own: where
+motion sticks, `dry_friction` says so.
+"""
+
+from cartpend_dae.language import Param, Statements, der, dry_friction, param, var
+from cartpend_dae.library.laws import (
+    breakaway_level,
+    each_way,
+    not_negative,
+    presliding_rate,
+    stribeck_level,
+    wave,
+)
+from cartpend_dae.library.rotational import CompliantWithSpeed
+
+
+class StribeckFriction(CompliantWithSpeed):
+    """Stribeck friction, tau = (tau_c + (tau_s - tau_c) exp(-(v/w_s)^2)) sgn v + d v, v = w_rel, sticking exactly."""
+
+    tau_c: Param = param(unit="N.m", default=0.0, min=0, doc="Coulomb level, at high speed")
+    tau_s: Param = param(unit="N.m", default=0.0, min=0, doc="peak, at rest")
+    w_s: Param = param(unit="rad/s", default=0.5, min=0, doc="speed at which the peak has gone")
+    d: Param = param(unit="N.m.s/rad", default=0.0, min=0, doc="viscous damping")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        level = stribeck_level(self.w_rel, self.tau_c, self.tau_s, self.w_s)
+        yield self.tau == dry_friction(self.w_rel, level) + self.d * self.w_rel
+
+
+class BreakawayFriction(CompliantWithSpeed):
+    """Coulomb friction with break-away, tau = tau_c sgn w_rel, rising to tau_s from the speed w_s down to rest.
+
+    The band below w_s is that of Karnopp's stiction; a narrow one is the textbook's static friction.
+    """
+
+    tau_c: Param = param(unit="N.m", default=0.0, min=0, doc="Coulomb level, while sliding")
+    tau_s: Param = param(unit="N.m", default=0.0, min=0, doc="break-away torque")
+    w_s: Param = param(unit="rad/s", default=0.5, min=0, doc="half width of the band of speeds around rest")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        level = breakaway_level(self.w_rel, self.tau_c, self.tau_s, self.w_s)
+        yield self.tau == dry_friction(self.w_rel, level)
+
+
+class AsymmetricFriction(CompliantWithSpeed):
+    """Friction by direction, tau = tau_c_pos + d_pos v forward, tau = -tau_c_neg + d_neg v backward, v = w_rel."""
+
+    tau_c_pos: Param = param(unit="N.m", default=0.0, min=0, doc="Coulomb level forward")
+    tau_c_neg: Param = param(unit="N.m", default=0.0, min=0, doc="Coulomb level backward")
+    d_pos: Param = param(unit="N.m.s/rad", default=0.0, min=0, doc="viscous damping forward")
+    d_neg: Param = param(unit="N.m.s/rad", default=0.0, min=0, doc="viscous damping backward")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        viscous = each_way(self.w_rel, self.d_pos, self.d_neg)
+        yield self.tau == dry_friction(self.w_rel, self.tau_c_pos, self.tau_c_neg) + viscous
+
+
+class PositionDependentFriction(CompliantWithSpeed):
+    """Friction that changes along the way, tau = (tau_c + tau_c_sin sin(n x) + tau_c_cos cos(n x)) sgn w_rel.
+
+    x = phi_rel. Where the sum is negative there is no friction.
+    """
+
+    tau_c: Param = param(unit="N.m", default=0.0, min=0, doc="mean Coulomb level")
+    tau_c_sin: Param = param(unit="N.m", default=0.0, doc="sine amplitude of the level")
+    tau_c_cos: Param = param(unit="N.m", default=0.0, doc="cosine amplitude of the level")
+    n: Param = param(unit="1", default=1.0, min=0, doc="order")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        level = self.tau_c + wave(self.n * self.phi_rel, self.tau_c_sin, self.tau_c_cos)
+        yield self.tau == dry_friction(self.w_rel, not_negative(level))
+
+
+class DahlFriction(CompliantWithSpeed):
+    """Dahl friction, tau = tau_c z, der(z) = (v - |v| z)/phi_s, v = w_rel: stiffness tau_c/phi_s, then tau_c sgn v.
+
+    z is the deflection of the contact in parts of that at sliding, which is phi_s.
+    """
+
+    z = var(unit="1", doc="deflection of the contact, between -1 and 1")
+    tau_c: Param = param(unit="N.m", default=0.0, min=0, doc="Coulomb level")
+    phi_s: Param = param(unit="rad", default=0.02, min=0, doc="presliding angle")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        yield der(self.z) == presliding_rate(self.z, self.w_rel, self.phi_s)
+        yield self.tau == self.tau_c * self.z
+
+
+class LuGreFriction(CompliantWithSpeed):
+    """LuGre friction, tau = g(v) z + d_1 (v - |v| z) + d v, der(z) = (v - |v| z)/phi_s, v = w_rel.
+
+    g = tau_c + (tau_s - tau_c) exp(-(v/w_s)^2). z is the bristles' deflection in parts of that at sliding. In the
+    paper's letters sigma_0 = g(v)/phi_s and sigma_1 = d_1: the bristles slide at the deflection phi_s at every speed,
+    which keeps the law defined, and linear, where the levels are 0. Curve at steady speed, presliding and the lag
+    of friction behind the speed are those of the paper.
+    """
+
+    z = var(unit="1", doc="deflection of the bristles, between -1 and 1")
+    tau_c: Param = param(unit="N.m", default=0.0, min=0, doc="Coulomb level, at high speed")
+    tau_s: Param = param(unit="N.m", default=0.0, min=0, doc="peak, at low speed")
+    w_s: Param = param(unit="rad/s", default=0.5, min=0, doc="speed at which the peak has gone")
+    phi_s: Param = param(unit="rad", default=0.02, min=0, doc="presliding angle")
+    d_1: Param = param(unit="N.m.s/rad", default=0.0, min=0, doc="damping of the bristles")
+    d: Param = param(unit="N.m.s/rad", default=0.0, min=0, doc="viscous damping")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        rate = presliding_rate(self.z, self.w_rel, self.phi_s)
+        level = stribeck_level(self.w_rel, self.tau_c, self.tau_s, self.w_s)
+        yield der(self.z) == rate
+        yield self.tau == level * self.z + self.d_1 * self.phi_s * rate + self.d * self.w_rel
+
+
+class MaxwellSlipFriction(CompliantWithSpeed):
+    """Maxwell-slip friction, tau = tau_c (z_1 + z_2 + z_3 + z_4)/4: four springs that slip one after the other.
+
+    Spring k slips after the way k phi_s/4: der(z_k) = (v - |v| z_k |z_k|^3)/(k phi_s/4), v = w_rel; the power rounds
+    the corner at which a spring begins to slip, so that the law has a slope everywhere.
+    """
+
+    z_1 = var(unit="1", doc="deflection of the first spring, between -1 and 1")
+    z_2 = var(unit="1", doc="deflection of the second spring")
+    z_3 = var(unit="1", doc="deflection of the third spring")
+    z_4 = var(unit="1", doc="deflection of the fourth spring")
+    tau_c: Param = param(unit="N.m", default=0.0, min=0, doc="Coulomb level")
+    phi_s: Param = param(unit="rad", default=0.02, min=0, doc="way after which all slip")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        springs = (self.z_1, self.z_2, self.z_3, self.z_4)
+        for k, z in enumerate(springs, start=1):
+            yield der(z) == presliding_rate(z, self.w_rel, k * self.phi_s / 4, order=4)
+        yield self.tau == self.tau_c * (self.z_1 + self.z_2 + self.z_3 + self.z_4) / 4
+
+
+class IronLoss(CompliantWithSpeed):
+    """Loss in the iron of a machine, tau = d w_rel + tau_c sgn w_rel: eddy currents and remagnetisation."""
+
+    d: Param = param(unit="N.m.s/rad", default=0.0, min=0, doc="eddy currents")
+    tau_c: Param = param(unit="N.m", default=0.0, min=0, doc="remagnetisation (hysteresis of the iron)")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        yield self.tau == self.d * self.w_rel + dry_friction(self.w_rel, self.tau_c)

@@ -1,0 +1,159 @@
+"""What goes wrong between a quantity and its sensor, or between a command and its actuator; units as in `signals`.
+
+At its default each block passes its input, y = u, exactly. So a delay is no lag whose time is 0, which has no slope
+there: it takes away T_d times the smoothed rate of the input, (u - x)/T_f with T_f der(x) = u - x, and the lag T_f
+grows with T_d from a floor T_0 that is below what the data resolve.
+"""
+
+import casadi as ca
+
+from cartpend_dae.language import Param, Statements, der, initial, param, time, var
+from cartpend_dae.library.laws import beyond, wave
+from cartpend_dae.library.signals import Block
+
+
+class SensorGain(Block):
+    """Scale error of a sensor, y = (1 + e) u."""
+
+    e: Param = param(unit="1", default=0.0, min=-1, doc="relative error")
+
+    def equations(self) -> Statements:
+        yield self.y == (1 + self.e) * self.u
+
+
+class CurrentSensorError(Block):
+    """Scale and zero of a current sensor, y = (1 + e) u + y_0."""
+
+    e: Param = param(unit="1", default=0.0, min=-1, doc="relative error")
+    y_0: Param = param(unit="1", default=0.0, doc="offset, in the unit of what is measured")
+
+    def equations(self) -> Statements:
+        yield self.y == (1 + self.e) * self.u + self.y_0
+
+
+class SensorNonlinearity(Block):
+    """Error per turn of a sensor, y = u + a_1_sin sin x + a_1_cos cos x + a_2_sin sin 2x + a_2_cos cos 2x, x = k u."""
+
+    a_1_sin: Param = param(unit="1", default=0.0, doc="sine amplitude, once per turn, in the unit of u")
+    a_1_cos: Param = param(unit="1", default=0.0, doc="cosine amplitude, once per turn")
+    a_2_sin: Param = param(unit="1", default=0.0, doc="sine amplitude, twice per turn")
+    a_2_cos: Param = param(unit="1", default=0.0, doc="cosine amplitude, twice per turn")
+    k: Param = param(unit="1", default=1.0, min=0, doc="angle of the sensor per input; 1 where u is that angle")
+
+    def equations(self) -> Statements:
+        angle = self.k * self.u
+        once, twice = wave(angle, self.a_1_sin, self.a_1_cos), wave(2 * angle, self.a_2_sin, self.a_2_cos)
+        yield self.y == self.u + once + twice
+
+
+class SensorDelay(Block):
+    """Lag of a sensor, y = u - T_d (u - x)/T_f, T_f der(x) = u - x, T_f = T_d + T_0: (1 + T_0 s)/(1 + (T_d + T_0) s).
+
+    For T_d much longer than T_0 this is a lag of first order; T_d = 0 is none at all.
+    """
+
+    x = var(unit="1", doc="state of the lag")
+    T_d: Param = param(unit="s", default=0.0, min=0, doc="delay")
+    T_0: Param = param(unit="s", default=0.005, min=0, doc="floor of the lag")
+
+    def equations(self) -> Statements:
+        T_f = self.T_d + self.T_0
+        yield T_f * der(self.x) == self.u - self.x
+        yield initial(self.x == self.u, fixed=False)
+        yield self.y == self.u - self.T_d * (self.u - self.x) / T_f
+
+
+class SensorQuantization(Block):
+    """Steps of a sensor, y = u + e (q floor(u/q + 1/2) - u): e = 1 is an encoder with steps of q, e = 0 is exact.
+
+    For simulation with each step as an event see `sampled.Quantizer`.
+    """
+
+    e: Param = param(unit="1", default=0.0, min=0, max=1, doc="share of the rounding")
+    q: Param = param(unit="1", default=0.001, min=0, doc="step, in the unit of u")
+
+    def equations(self) -> Statements:
+        yield self.y == self.u + self.e * (self.q * ca.floor(self.u / self.q + 0.5) - self.u)
+
+
+class ClockDrift(Block):
+    """Clock that runs wrong, y = u + (e t + t_0) (u - x)/T_0, T_0 der(x) = u - x: about u at (1 + e) t + t_0."""
+
+    x = var(unit="1", doc="input, smoothed")
+    e: Param = param(unit="1", default=0.0, min=-0.5, max=0.5, doc="relative error of the rate")
+    t_0: Param = param(unit="s", default=0.0, doc="error at the start")
+    T_0: Param = param(unit="s", default=0.005, min=0, doc="lag with which the rate of u is formed")
+
+    def equations(self) -> Statements:
+        yield self.T_0 * der(self.x) == self.u - self.x
+        yield initial(self.x == self.u, fixed=False)
+        yield self.y == self.u + (self.e * time() + self.t_0) * (self.u - self.x) / self.T_0
+
+
+class InputOffset(Block):
+    """Offset of an amplifier, y = u + u_0."""
+
+    u_0: Param = param(unit="1", default=0.0, doc="offset, in the unit of u")
+
+    def equations(self) -> Statements:
+        yield self.y == self.u + self.u_0
+
+
+class InputGain(Block):
+    """Gain error of an amplifier, y = (1 + e) u."""
+
+    e: Param = param(unit="1", default=0.0, min=-1, doc="relative error")
+
+    def equations(self) -> Statements:
+        yield self.y == (1 + self.e) * self.u
+
+
+class DeadZone(Block):
+    """Dead zone, y = 0 between -u_neg and u_pos, else u - u_pos or u + u_neg."""
+
+    u_pos: Param = param(unit="1", default=0.0, min=0, doc="upper end, in the unit of u")
+    u_neg: Param = param(unit="1", default=0.0, min=0, doc="lower end, as a positive number")
+
+    def equations(self) -> Statements:
+        yield self.y == beyond(self.u, -self.u_neg, self.u_pos)
+
+
+class Saturation(Block):
+    """Saturation, y = u - e r, r = what u exceeds -u_max to u_max: e = 1 is a limit, e < 1 a softer one, e = 0 none."""
+
+    e: Param = param(unit="1", default=0.0, min=0, max=1, doc="share that is cut off")
+    u_max: Param = param(unit="1", default=5.0, min=0, doc="limit, in the unit of u")
+
+    def equations(self) -> Statements:
+        yield self.y == self.u - self.e * beyond(self.u, -self.u_max, self.u_max)
+
+
+class RateLimit(Block):
+    """Slew rate, y = u + e (x - u), der(x) = (u - x)/T_0 between -r and r: e = 1 follows no faster than r."""
+
+    x = var(unit="1", doc="input that is followed no faster than r")
+    e: Param = param(unit="1", default=0.0, min=0, max=1, doc="share of the limit")
+    r: Param = param(unit="1", default=20.0, min=0, doc="largest slope, in the unit of u per second")
+    T_0: Param = param(unit="s", default=0.005, min=0, doc="lag below the limit")
+
+    def equations(self) -> Statements:
+        yield der(self.x) == ca.fmin(ca.fmax((self.u - self.x) / self.T_0, -self.r), self.r)
+        yield initial(self.x == self.u, fixed=False)
+        yield self.y == self.u + self.e * (self.x - self.u)
+
+
+class InputDelay(Block):
+    """Dead time, y = u - T_d (u - x)/T_f, T_f der(x) = u - x, T_f = T_d/2 + T_0: (1 - (T_d/2 - T_0) s)/(1 + T_f s).
+
+    This is the Pade approximation of exp(-T_d s) with the floor T_0; T_d = 0 is no delay at all.
+    """
+
+    x = var(unit="1", doc="state of the approximation")
+    T_d: Param = param(unit="s", default=0.0, min=0, doc="delay")
+    T_0: Param = param(unit="s", default=0.005, min=0, doc="floor of the lag")
+
+    def equations(self) -> Statements:
+        T_f = self.T_d / 2 + self.T_0
+        yield T_f * der(self.x) == self.u - self.x
+        yield initial(self.x == self.u, fixed=False)
+        yield self.y == self.u - self.T_d * (self.u - self.x) / T_f

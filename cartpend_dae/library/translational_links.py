@@ -1,0 +1,142 @@
+"""What stands between two points that a model joins rigidly: give, gap and loss; signs as in `translational`.
+
+    flange_a [==element==] flange_b      s_b = s_a + q      f = f_b, into the element at flange b
+
+At its default a link is rigid and without loss: the motion is exactly that of the model without it. A spring alone
+cannot do that, as rigid means an infinite stiffness. So a link carries the compliance h = 1/c, and its deflection q
+follows the force with a lag of second order, der(der(y)) = w_c^2 (f - y) - 2 D w_c der(y), q = h y: that is a spring
+c = 1/h, a damper 2 D c/w_c and an inertance c/w_c^2 side by side. Below the cut-off w_c it is the spring and the
+damper; above, it is rigid, and no vibration is faster than w_c, so that fixed steps can follow it. For h = 0 the state
+y still follows the force, so that the derivative of the motion with respect to h exists there.
+"""
+
+import casadi as ca
+
+from cartpend_dae.language import Component, Param, Statements, der, dry_friction, initial, param, port, var
+from cartpend_dae.library.laws import beyond, softer
+from cartpend_dae.library.translational import Flange
+
+
+class Link(Component):
+    """A massless element with the same force at both ends, s_b = s_a + q; base of links."""
+
+    flange_a = port(Flange, doc="one point")
+    flange_b = port(Flange, doc="the other point")
+    f = var(unit="N", doc="force of the element, into it at flange b")
+    q = var(unit="m", doc="deflection")
+
+    def equations(self) -> Statements:
+        yield self.flange_b.s == self.flange_a.s + self.q
+        yield self.flange_b.f == self.f
+        yield self.flange_a.f == -self.f
+
+
+class Compliance(Link):
+    """Compliance of a chain or a rod, q = h y, der(der(y)) = w_c^2 (f - y) - 2 D w_c der(y): c = 1/h below w_c."""
+
+    y = var(unit="N", doc="force that the spring has")
+    yd = var(unit="N/s", doc="derivative of y")
+    h: Param = param(unit="m/N", default=0.0, min=0, doc="compliance, 1/c")
+    w_c: Param = param(unit="rad/s", default=200.0, min=0, doc="cut-off, above which it is rigid")
+    D: Param = param(unit="1", default=0.2, min=0, doc="damping ratio at w_c")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        yield self.q == self.h * self.y
+        yield self.yd == der(self.y)
+        yield der(self.yd) == self.w_c * (self.w_c * (self.f - self.y) - 2 * self.D * self.yd)
+
+
+class BaseCompliance(Link):
+    """Base that gives way, q = h y, der(der(y)) = w_c^2 (f - y) - 2 D w_c der(y), between ground and what it holds.
+
+    One end of it is fixed, so this is a base of stiffness c = 1/h with the natural frequency w_c and the damping
+    ratio D, that is with the mass c/w_c^2; h = 0 is a base that does not move.
+    """
+
+    y = var(unit="N", doc="force that the spring of the base has")
+    yd = var(unit="N/s", doc="derivative of y")
+    h: Param = param(unit="m/N", default=0.0, min=0, doc="compliance, 1/c")
+    w_c: Param = param(unit="rad/s", default=40.0, min=0, doc="natural frequency of the base")
+    D: Param = param(unit="1", default=0.1, min=0, doc="damping ratio")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        yield self.q == self.h * self.y
+        yield self.yd == der(self.y)
+        yield der(self.yd) == self.w_c * (self.w_c * (self.f - self.y) - 2 * self.D * self.yd)
+
+
+class Backlash(Link):
+    """Backlash, q = b x/2, der(der(x)) = w_c^2 (f/f_r - 9 e(x)) - 3 w_c der(x), e(x) what x exceeds -1 to 1.
+
+    x is the place in the gap of the total width b, and -1 and 1 are its flanks. In the gap the force is only that of
+    an inertance 2 f_r/(b w_c^2), so f_r is to be small against what is passed on; the flanks are springs of
+    18 f_r/b. For b = 0 the two ends move as one, while x still shows on which flank they are.
+    """
+
+    x = var(unit="1", doc="place in the gap, -1 and 1 at its flanks")
+    xd = var(unit="1/s", doc="derivative of x")
+    b: Param = param(unit="m", default=0.0, min=0, doc="total width of the gap")
+    f_r: Param = param(unit="N", default=5.0, min=0, doc="force that carries it through the gap within 1/w_c")
+    w_c: Param = param(unit="rad/s", default=100.0, min=0, doc="rate at which the gap is crossed")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        yield self.q == self.b / 2 * self.x
+        yield self.xd == der(self.x)
+        push = self.f / self.f_r - 9 * beyond(self.x, -1, 1)
+        yield der(self.xd) == self.w_c * (self.w_c * push - 3 * self.xd)
+
+
+class LoadDependentFriction(Component):
+    """Friction against ground that grows with the load, f = (f_c + mu |y|) sgn v, with exact sticking.
+
+    y follows the force that passes from flange b to flange a with the lag T_f, so that friction does not depend on
+    itself at the same instant.
+    """
+
+    flange_a = port(Flange, doc="one point")
+    flange_b = port(Flange, doc="the other point")
+    v = var(unit="m/s", doc="speed against ground")
+    f = var(unit="N", doc="friction force, opposes v")
+    y = var(unit="N", doc="load, smoothed")
+    f_c: Param = param(unit="N", default=0.0, min=0, doc="Coulomb level without load")
+    mu: Param = param(unit="1", default=0.0, min=0, max=1, doc="friction per load")
+    T_f: Param = param(unit="s", default=0.01, min=0, doc="lag of the load")
+
+    def equations(self) -> Statements:
+        yield self.flange_a.s == self.flange_b.s
+        yield self.v == der(self.flange_a.s)
+        yield self.T_f * der(self.y) == self.flange_b.f - self.y
+        yield initial(self.y == self.flange_b.f, fixed=False)
+        yield self.f == dry_friction(self.v, self.f_c + self.mu * ca.fabs(self.y))
+        yield self.flange_a.f + self.flange_b.f == self.f
+
+
+class ChainTensionFriction(Link):
+    """Chain that sags, q = h f_p atan(y/f_p), der(der(y)) = w_c^2 (f - y) - 2 D w_c der(y), with friction at flange b.
+
+    It gives way by h under small forces and less under large ones, which pull it straight; f_p is its pre-tension.
+    Bearings under the tension f_p + |y| add the friction e (f_p + |y|) sgn v against ground, with exact sticking.
+    """
+
+    v = var(unit="m/s", doc="speed of flange b against ground")
+    f_f = var(unit="N", doc="friction force, opposes v")
+    y = var(unit="N", doc="force in the chain, smoothed")
+    yd = var(unit="N/s", doc="derivative of y")
+    h: Param = param(unit="m/N", default=0.0, min=0, doc="compliance at small forces")
+    e: Param = param(unit="1", default=0.0, min=0, max=1, doc="friction per tension")
+    f_p: Param = param(unit="N", default=50.0, min=0, doc="pre-tension")
+    w_c: Param = param(unit="rad/s", default=200.0, min=0, doc="cut-off, above which it is rigid")
+    D: Param = param(unit="1", default=0.2, min=0, doc="damping ratio at w_c")
+
+    def equations(self) -> Statements:
+        yield self.flange_b.s == self.flange_a.s + self.q
+        yield self.flange_a.f == -self.f
+        yield self.flange_b.f == self.f + self.f_f
+        yield self.q == self.h * softer(self.y, self.f_p)
+        yield self.yd == der(self.y)
+        yield der(self.yd) == self.w_c * (self.w_c * (self.f - self.y) - 2 * self.D * self.yd)
+        yield self.v == der(self.flange_b.s)
+        yield self.f_f == dry_friction(self.v, self.e * (self.f_p + ca.fabs(self.y)))

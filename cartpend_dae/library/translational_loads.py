@@ -1,0 +1,96 @@
+"""Springs, stops, inertia and loads that a sliding joint can have unnoticed; signs as in `translational`.
+
+Every size is 0 unless it is set, and then the component is not felt.
+"""
+
+import casadi as ca
+
+from cartpend_dae.language import Param, Statements, der, param, var
+from cartpend_dae.library.laws import bouc_wen_rate, contact, presliding_rate, wave
+from cartpend_dae.library.translational import Compliant, CompliantWithSpeed
+
+
+class AddedInertia(CompliantWithSpeed):
+    """Inertia that was forgotten, f = m der(v_rel)."""
+
+    m: Param = param(unit="kg", default=0.0, min=0, doc="mass")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        yield self.f == self.m * der(self.v_rel)
+
+
+class OneSidedSpring(Compliant):
+    """Spring above s_0, f = c max(0, s_rel - s_0); with `side` = -1 below, f = c min(0, s_rel - s_0).
+
+    With a negative c it is what a spring beside it loses where it goes slack.
+    """
+
+    c: Param = param(unit="N/m", default=0.0, doc="stiffness")
+    s_0: Param = param(unit="m", default=0.0, doc="where the spring begins")
+    side: Param = param(unit="1", default=1.0, doc="1 above s_0, -1 below")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        yield self.f == self.c * self.side * ca.fmax(0, self.side * (self.s_rel - self.s_0))
+
+
+class EndStop(CompliantWithSpeed):
+    """Soft stop beyond s_m, f = c h^1.5 (1 + d_c der(h)), h = s_rel - s_m, never pulling.
+
+    With `side` = -1 it stops motion downwards: h = -s_rel - s_m, and the force is negative.
+    """
+
+    c: Param = param(unit="N/m^(3/2)", default=0.0, min=0, doc="stiffness of the contact")
+    d_c: Param = param(unit="s/m", default=0.2, min=0, doc="loss per speed of impact")
+    s_m: Param = param(unit="m", default=0.1, doc="where the stop begins, counted to its side")
+    side: Param = param(unit="1", default=1.0, doc="1 stops motion upwards, -1 downwards")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        depth = self.side * self.s_rel - self.s_m
+        yield self.f == self.side * contact(depth, self.side * self.v_rel, self.c, self.d_c)
+
+
+class Hysteresis(CompliantWithSpeed):
+    """Bouc-Wen hysteresis, f = c_h z_h z, der(z) = (v - beta |v| |z| z - (1 - beta) v z^2)/z_h, v = v_rel.
+
+    c_h is the stiffness at small amplitudes, c_h z_h the largest force. Stiffness beside it is an effect of its own.
+    """
+
+    z = var(unit="1", doc="memory, between -1 and 1")
+    c_h: Param = param(unit="N/m", default=0.0, min=0, doc="stiffness at small amplitudes")
+    z_h: Param = param(unit="m", default=0.01, min=0, doc="deflection at which it yields")
+    beta: Param = param(unit="1", default=0.5, min=0.5, max=1, doc="shape of the loop; 1 is the widest")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        yield der(self.z) == bouc_wen_rate(self.z, self.v_rel, self.z_h, self.beta)
+        yield self.f == self.c_h * self.z_h * self.z
+
+
+class RailUnevenness(Compliant):
+    """Unevenness of a rail, f = f_sin sin(k s_rel) + f_cos cos(k s_rel): weight times slope."""
+
+    f_sin: Param = param(unit="N", default=0.0, doc="sine amplitude")
+    f_cos: Param = param(unit="N", default=0.0, doc="cosine amplitude")
+    k: Param = param(unit="rad/m", default=30.0, min=0, doc="wave number")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        yield self.f == wave(self.k * self.s_rel, self.f_sin, self.f_cos)
+
+
+class CableDrag(CompliantWithSpeed):
+    """Drag of a cable or hose, f = c (s_rel - s_0) + f_c z, der(z) = (v - |v| z)/s_s, v = v_rel: spring and memory."""
+
+    z = var(unit="1", doc="state of the memory, between -1 and 1")
+    c: Param = param(unit="N/m", default=0.0, min=0, doc="stiffness of the cable")
+    s_0: Param = param(unit="m", default=0.0, doc="where the cable is at ease")
+    f_c: Param = param(unit="N", default=0.0, min=0, doc="half the height of the loop")
+    s_s: Param = param(unit="m", default=0.02, min=0, doc="way after a reversal until the other branch is reached")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        yield der(self.z) == presliding_rate(self.z, self.v_rel, self.s_s)
+        yield self.f == self.c * (self.s_rel - self.s_0) + self.f_c * self.z
