@@ -1,7 +1,8 @@
 """What is to be estimated, on which runs, from where: checked against the model once, solved as often as needed."""
 
 import itertools
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import casadi as ca
@@ -18,7 +19,7 @@ from cartpend_dae.programme import programme
 from cartpend_dae.singular import check_regular
 from cartpend_dae.starts import begin_function, run_start
 from cartpend_dae.system import System
-from cartpend_dae.transcribe import SEGMENT, Layout, Passes, RunStart, Slot, passes
+from cartpend_dae.transcribe import SEGMENT, Layout, Passes, RunStart, Slot
 from cartpend_dae.unknowns import Free, Prior, Tie
 
 
@@ -33,6 +34,8 @@ class Problem:
     step: float | None = None
     ties: tuple[Tie, ...] = ()
     huber: float = np.inf
+    origins: Mapping[str, str] = field(default_factory=dict)
+    stride: float | None = None
 
     @cached_property
     def layout(self) -> Layout:
@@ -48,6 +51,7 @@ class Problem:
             slots=slots,
             ties=self.ties,
             outputs=tuple(self.system.index_of(name) for name in self.outputs),
+            corrects=tuple(self.system.index_of(self.origins.get(name, name)) for name in self.outputs),
             output_names=self.outputs,
             substeps=_substeps(self),
             length=length,
@@ -60,7 +64,7 @@ class Problem:
     @cached_property
     def functions(self) -> Passes:
         """The passes over the data."""
-        return passes(self.layout)
+        return Passes(self.layout)
 
     @cached_property
     def starts(self) -> tuple[RunStart, ...]:
@@ -103,6 +107,7 @@ def make_problem(
     step: float | None = None,
     ties: tuple[Tie, ...] = (),
     huber: float | None = None,
+    origins: Mapping[str, str] | None = None,
 ) -> Problem:
     """Check what is to be estimated against the model.
 
@@ -120,6 +125,8 @@ def make_problem(
         Parameters that follow from others; see `unknowns.tie`.
     huber
         Residuals beyond so many standard deviations count linearly; all count squared if None.
+    origins
+        For measured variables behind errors of sensors: what they measure.
 
     Raises
     ------
@@ -153,7 +160,9 @@ def make_problem(
                 raise ModelError(f"Run `{experiment.name}` gives no input `{name}`: name its column under `inputs`.")
     check_regular(system, parameter_vector(system, {item.name: item.guess for item in free}))
     _check_ties(ties, free)
-    return Problem(system, free, experiments, outputs, step, ties, np.inf if huber is None else huber)
+    return Problem(
+        system, free, experiments, outputs, step, ties, np.inf if huber is None else huber, dict(origins or {})
+    )
 
 
 def _check_ties(ties: tuple[Tie, ...], free: tuple[Free, ...]) -> None:
@@ -266,7 +275,7 @@ def _substeps(problem: Problem) -> int:
     x, z = np.split(start.x, [system.x.numel()])
     value = np.asarray(jacobian(start.time, x, z, start.u, p, np.zeros(system.frictions.force.numel())))
     fastest = float(np.abs(np.linalg.eigvals(value)).max(initial=0.0)) if value.size else 0.0
-    limit = 0.03 if system.frictions.places else 0.25
+    limit = problem.stride or (0.03 if system.frictions.places else 0.25)
     return int(np.clip(np.ceil(width * fastest / limit), 1, 100))
 
 

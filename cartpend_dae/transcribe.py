@@ -16,6 +16,7 @@ E. Brookner, "Tracking and Kalman Filtering Made Easy" (1998), section 1.2.6 (cr
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -55,9 +56,9 @@ class Layout:
     """The structure of an estimation problem: what is free, what is measured, how samples are grouped.
 
     `free` are the estimated parameters of all runs, of which `slots` says where they stand in the model. `outputs` are
-    indices of system variables. Segments (n_segments of `length` samples) of all runs stand one after the other;
-    `first` are the segments with which runs begin. With a finite `huber`, residuals beyond so many standard deviations
-    count linearly.
+    indices of system variables, and `corrects` those through whose states the output injection acts. Segments
+    (n_segments of `length` samples) of all runs stand one after the other; `first` are the segments with which runs
+    begin. With a finite `huber`, residuals beyond so many standard deviations count linearly.
     """
 
     system: System
@@ -65,6 +66,7 @@ class Layout:
     slots: tuple[Slot, ...]
     ties: tuple[Tie, ...]
     outputs: tuple[int, ...]
+    corrects: tuple[int, ...]
     output_names: tuple[str, ...]
     substeps: int
     length: int
@@ -89,24 +91,6 @@ class Layout:
         return np.array([slot.owners for slot in self.slots], dtype=int).reshape(len(self.slots), len(self.first)).T
 
 
-@dataclass(frozen=True, slots=True)
-class Passes:
-    """CasADi functions of a layout, over the slots theta (n_slots,) of a run, scaled.
-
-    ``value(packed, data)`` and ``slope(packed, data)`` fold a segment: packed are theta and w, the state, and the
-    cost, or the sensitivities (n_state, n_state + n_slots), the Gram matrix and the gradient of the residuals.
-    ``series(packed, data) -> (packed, residuals, states)`` and ``rows(packed, data) -> (packed, residuals and their
-    sensitivities)`` give a column for each sample. ``parameters(theta) -> p``; `step` is a step between samples.
-    """
-
-    value: ca.Function
-    slope: ca.Function
-    series: ca.Function
-    rows: ca.Function
-    parameters: ca.Function
-    step: Step
-
-
 def injection_targets(system: System, outputs: tuple[int, ...]) -> tuple[tuple[int, int, int | None, ca.SX], ...]:
     """Return for each output that is a state (up to a factor): (output, state, state of its rate, factor).
 
@@ -126,41 +110,109 @@ def injection_targets(system: System, outputs: tuple[int, ...]) -> tuple[tuple[i
     return tuple(found)
 
 
-def passes(layout: Layout) -> Passes:
-    """Build the functions of a layout; the time it takes depends on the model, not on the data."""
-    n_x, n_u, n_y, n_p = layout.n_state, layout.system.u.numel(), len(layout.outputs), len(layout.slots)
-    theta, w, x = ca.SX.sym("theta", n_p), ca.SX.sym("w", n_y), ca.SX.sym("x", n_x)
-    data = ca.SX.sym("data", 2 + 2 * n_u + 2 * n_y)
-    step, parameters = runge_kutta(layout.system, substeps=layout.substeps), parameter_function(layout)
-    x_next, error = _sample(layout, step, parameters(theta), w, x, data)
-    carried = ca.vertcat(theta, w)
-    size = n_x + n_p
-    seeds = ca.SX.sym("seeds", n_x, size)
-    full = ca.vertcat(seeds, ca.horzcat(ca.SX.zeros(n_p, n_x), ca.SX.eye(n_p)))
-    moved = ca.jtimes(ca.vertcat(x_next, error), ca.vertcat(x, theta), full)
-    seeds_next, error_slope = moved[:n_x, :], moved[n_x:, :]
-    gram, gradient, cost = ca.SX.sym("gram", size, size), ca.SX.sym("gradient", size), ca.SX.sym("cost")
-    loss, pull, curvature = _loss(error, layout.huber)
-    value = _fold("value", [carried, x, cost], [carried, x_next, cost + loss], data, layout.length)
-    slope = _fold(
-        "slope",
-        [carried, x, ca.vec(seeds), ca.vec(gram), gradient],
-        [
-            carried,
-            x_next,
-            ca.vec(seeds_next),
-            ca.vec(gram + error_slope.T @ (error_slope * ca.repmat(curvature, 1, size))),
-            gradient + error_slope.T @ pull,
-        ],
-        data,
-        layout.length,
-    )
-    once = {"cse": True}
-    state, moving = ca.vertcat(carried, x), ca.vertcat(carried, x, ca.vec(seeds))
-    series = ca.Function("series", [state, data], [ca.vertcat(carried, x_next), error, x], once)
-    after = ca.vertcat(carried, x_next, ca.vec(seeds_next))
-    rows = ca.Function("rows", [moving, data], [after, ca.vertcat(error, ca.vec(error_slope))], once)
-    return Passes(value, slope, series.mapaccum(layout.length), rows.mapaccum(layout.length), parameters, step)
+@dataclass(frozen=True)
+class Passes:
+    """CasADi functions of a layout, over the slots theta (n_slots,) of a run, scaled; each is made when it is needed.
+
+    ``value(packed, data)`` and ``slope(packed, data)`` fold a segment: packed are theta and w, the state, and the
+    cost, or the sensitivities (n_state, n_state + n_slots), the Gram matrix and the gradient of the residuals.
+    ``series(packed, data) -> (packed, residuals, states)`` and ``rows(packed, data) -> (packed, residuals and their
+    sensitivities)`` give a column for each sample. The time to make them depends on the model, not on the data.
+    """
+
+    layout: Layout
+
+    @cached_property
+    def step(self) -> Step:
+        """A step between samples."""
+        return runge_kutta(self.layout.system, substeps=self.layout.substeps)
+
+    @cached_property
+    def parameters(self) -> ca.Function:
+        """Theta -> all parameters of the system."""
+        return parameter_function(self.layout)
+
+    @cached_property
+    def _sample(self) -> "_Sample":
+        layout = self.layout
+        n_y = len(layout.outputs)
+        theta, w = ca.SX.sym("theta", len(layout.slots)), ca.SX.sym("w", n_y)
+        x, data = ca.SX.sym("x", layout.n_state), ca.SX.sym("data", 2 + 2 * layout.system.u.numel() + 2 * n_y)
+        x_next, error = _sample(layout, self.step, self.parameters(theta), w, x, data)
+        return _Sample(theta, w, x, data, x_next, error)
+
+    @cached_property
+    def _moved(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Return seeds, and what they become at the next sample and in the residual."""
+        s, n_x = self._sample, self.layout.n_state
+        n_p = s.theta.numel()
+        seeds = ca.SX.sym("seeds", n_x, n_x + n_p)
+        full = ca.vertcat(seeds, ca.horzcat(ca.SX.zeros(n_p, n_x), ca.SX.eye(n_p)))
+        moved = ca.jtimes(ca.vertcat(s.x_next, s.error), ca.vertcat(s.x, s.theta), full)
+        return seeds, moved[:n_x, :], moved[n_x:, :]
+
+    @cached_property
+    def value(self) -> ca.Function:
+        """The cost of a segment."""
+        s, cost = self._sample, ca.SX.sym("cost")
+        loss, _, _ = _loss(s.error, self.layout.huber)
+        return _fold("value", [s.carried, s.x, cost], [s.carried, s.x_next, cost + loss], s.data, self.layout.length)
+
+    @cached_property
+    def slope(self) -> ca.Function:
+        """The cost of a segment to second order."""
+        s = self._sample
+        seeds, seeds_next, error_slope = self._moved
+        size = seeds.size2()
+        gram, gradient = ca.SX.sym("gram", size, size), ca.SX.sym("gradient", size)
+        _, pull, curvature = _loss(s.error, self.layout.huber)
+        return _fold(
+            "slope",
+            [s.carried, s.x, ca.vec(seeds), ca.vec(gram), gradient],
+            [
+                s.carried,
+                s.x_next,
+                ca.vec(seeds_next),
+                ca.vec(gram + error_slope.T @ (error_slope * ca.repmat(curvature, 1, size))),
+                gradient + error_slope.T @ pull,
+            ],
+            s.data,
+            self.layout.length,
+        )
+
+    @cached_property
+    def series(self) -> ca.Function:
+        """Residuals and states of a segment."""
+        s = self._sample
+        after = [ca.vertcat(s.carried, s.x_next), s.error, s.x]
+        series = ca.Function("series", [ca.vertcat(s.carried, s.x), s.data], after, {"cse": True})
+        return series.mapaccum(self.layout.length)
+
+    @cached_property
+    def rows(self) -> ca.Function:
+        """Residuals of a segment and their sensitivities."""
+        s = self._sample
+        seeds, seeds_next, error_slope = self._moved
+        before = ca.vertcat(s.carried, s.x, ca.vec(seeds))
+        after = ca.vertcat(s.carried, s.x_next, ca.vec(seeds_next))
+        rows = ca.Function("rows", [before, s.data], [after, ca.vertcat(s.error, ca.vec(error_slope))], {"cse": True})
+        return rows.mapaccum(self.layout.length)
+
+
+@dataclass(frozen=True, slots=True)
+class _Sample:
+    """One sample as expressions: what goes in, the state at the next one, and the weighted residual of this one."""
+
+    theta: ca.SX
+    w: ca.SX
+    x: ca.SX
+    data: ca.SX
+    x_next: ca.SX
+    error: ca.SX
+
+    @property
+    def carried(self) -> ca.SX:
+        return ca.vertcat(self.theta, self.w)
 
 
 def _loss(error: ca.SX, huber: float) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -197,6 +249,12 @@ def parameter_function(layout: Layout) -> ca.Function:
     return ca.Function("parameters", [theta], [p], ["theta"], ["p"])
 
 
+def sample_step(layout: Layout, theta: ca.SX, w: ca.SX, x: ca.SX, data: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return the state at the next sample and the weighted residual of this one, whose data is a column."""
+    step = runge_kutta(layout.system, substeps=layout.substeps)
+    return _sample(layout, step, parameter_function(layout)(theta), w, x, data)
+
+
 def _sample(layout: Layout, step: Step, p: ca.SX, w: ca.SX, x: ca.SX, data: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return the state at the next sample and the weighted residual of this one."""
     system = layout.system
@@ -207,7 +265,7 @@ def _sample(layout: Layout, step: Step, p: ca.SX, w: ca.SX, x: ca.SX, data: ca.S
     error = measured - step.measure(time, width, x, u_a, p)[list(layout.outputs)]
     corrected = ca.SX(x)
     # width is 0 at the last sample of a run and at padding: nothing is corrected or stepped there
-    for position, state, rate, factor in injection_targets(system, layout.outputs):
+    for position, state, rate, factor in injection_targets(system, layout.corrects):
         factor = ca.substitute(factor, system.p, p) if system.p.numel() else factor
         rho = ca.exp(-w[position] * width)
         seen = (weight[position] > 0) * error[position] / factor

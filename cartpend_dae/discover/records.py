@@ -1,7 +1,9 @@
 """The data that the stages of discovery hand on."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
+
+import numpy as np
 
 from cartpend_dae.assess import Assessment
 from cartpend_dae.data import Experiment
@@ -61,7 +63,8 @@ class Candidate:
     """An effect at a place, and what the data say of it.
 
     `gain` is the drop of the criterion (BIC in the regime of noise; percent of the cross-validated cost
-    with disturbances); `t` is estimate over block-jackknife sd; `why_not` is empty for the one accepted.
+    with disturbances); `t` is estimate over block-jackknife sd; `why_not` is empty for the one accepted. `response` is
+    the direction in which it was predicted to move the residuals.
     """
 
     insertion: Insertion
@@ -71,6 +74,7 @@ class Candidate:
     t: float
     fit: Fit | None
     why_not: str
+    response: np.ndarray | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,14 +1,15 @@
-"""Stage 2: which effect at which place could explain the residual? One linearisation for each, no fit."""
+"""Stage 2: which effect at which place could explain the residual? One linearisation for all, no fit."""
 
 from collections.abc import Mapping
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from cartpend_dae.discover.records import Candidate
+from cartpend_dae.discover.sweep import Sweep, sweep
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place, fits
-from cartpend_dae.errors import SolverError
-from cartpend_dae.shooting import Linearisation
+from cartpend_dae.errors import ModelError, SolverError
 
 # effects that change the residual by less than this share of their own size are invisible to these sensors
 BLIND = 1e-10
@@ -32,8 +33,8 @@ def screen(
 ) -> list[Candidate]:
     """Predict for each candidate its parameters and by how much the cost would fall.
 
-    At the fit without the effect, the cost is quadratic in all parameters to first order of the residual;
-    its minimum within the bounds of the effect gives both.
+    At the fit without the effect, the cost is quadratic in all sizes to first order of the residual; its minimum
+    within the bounds of the effect gives both. Shapes have no slope where the sizes are 0: each start is tried.
 
     Parameters
     ----------
@@ -53,16 +54,12 @@ def screen(
     Returns
     -------
     list
-        Candidates without a fit, the most promising first; `why_not` is set where there is insertion.starts to fit. Each
+        Candidates without a fit, the most promising first; `why_not` is set where there is nothing to fit. Each
         effect stands once at a place, with the start that promises most.
     """
-    found = []
-    for insertion in options:
-        try:
-            linear = bench.linearised((*taken, insertion), point, bandwidth, sd)
-            found.append(_predict(insertion, linear))
-        except SolverError as error:
-            found.append(Candidate(insertion, insertion.starts, 0.0, 0.0, 0.0, None, f"it cannot be tried: {error}"))
+    found = [
+        candidate for batch in _batches(options) for candidate in _screened(bench, taken, point, batch, bandwidth, sd)
+    ]
     ranked = sorted(found, key=lambda candidate: (bool(candidate.why_not), -candidate.predicted))
     best: dict[str, Candidate] = {}
     for candidate in ranked:
@@ -70,42 +67,67 @@ def screen(
     return list(best.values())
 
 
-def _predict(insertion: Insertion, linear: Linearisation) -> Candidate:
-    names = [item.name for item in linear.variables]
-    # a shape has no slope where the sizes are 0: it stays where it starts
-    own = [names.index(name) for name in insertion.size_names]
-    others = [i for i in range(len(names)) if i not in own]
-    gram, gradient = linear.grams.sum(axis=0), linear.gradients.sum(axis=0)
-    projection = np.linalg.pinv(gram[np.ix_(others, others)], hermitian=True)
-    coupling = gram[np.ix_(own, others)]
-    left = gram[np.ix_(own, own)] - coupling @ projection @ coupling.T
-    pull = gradient[own] - coupling @ projection @ gradient[others]
-    visible = np.diag(left) > BLIND * np.clip(np.diag(gram)[own], 1e-300, None)
-    if not visible.all():
+def _batches(options: list[Insertion]) -> list[tuple[Insertion, ...]]:
+    """Group the candidates so that no effect stands twice at a place."""
+    batches: list[dict[str, Insertion]] = []
+    for option in options:
+        batch = next((b for b in batches if option.prefix not in b), None)
+        if batch is None:
+            batches.append(batch := {})
+        batch[option.prefix] = option
+    return [tuple(batch.values()) for batch in batches]
+
+
+def _screened(
+    bench: Workbench,
+    taken: tuple[Insertion, ...],
+    point: Mapping[str, float],
+    batch: tuple[Insertion, ...],
+    bandwidth: float,
+    sd: np.ndarray,
+) -> list[Candidate]:
+    """Judge a batch together, or in halves where something in it cannot be simulated."""
+    try:
+        found = sweep(bench, taken, batch, point, bandwidth, sd)
+    except (SolverError, ModelError) as error:
+        if len(batch) == 1:
+            return [Candidate(batch[0], batch[0].starts, 0.0, 0.0, 0.0, None, f"it cannot be tried: {error}")]
+        half = len(batch) // 2
+        parts = batch[:half], batch[half:]
+        return [c for part in parts for c in _screened(bench, taken, point, part, bandwidth, sd)]
+    basis = _basis(found.base)
+    left = found.residual - basis @ (basis.T @ found.residual)
+    return [_predict(insertion, found, basis, left) for insertion in batch]
+
+
+def _basis(columns: np.ndarray) -> np.ndarray:
+    """Return an orthonormal basis of what the parameters fitted already can move."""
+    size = np.linalg.norm(columns, axis=0)
+    vectors, values, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
+    return vectors[:, values > 1e-10 * values.max(initial=0.0)]
+
+
+def _predict(insertion: Insertion, found: Sweep, basis: np.ndarray, left: np.ndarray) -> Candidate:
+    columns = np.column_stack([found.sizes[name] for name in insertion.size_names])
+    across = columns - basis @ (basis.T @ columns)
+    whole, seen = np.linalg.norm(columns, axis=0), np.linalg.norm(across, axis=0)
+    if not np.all(np.isfinite(whole)):
+        return Candidate(insertion, insertion.starts, 0.0, 0.0, 0.0, None, "its law has no slope where it is absent")
+    if not np.any(seen**2 > BLIND * np.clip(whole, 1e-150, None) ** 2):
         why = "no sensor sees it apart from what is free already"
         return Candidate(insertion, insertion.starts, 0.0, 0.0, 0.0, None, why)
-    scale = np.array([linear.variables[i].scale for i in own])
-    low = np.array([linear.variables[i].lower for i in own]) / scale
-    high = np.array([linear.variables[i].upper for i in own]) / scale
-    size = _within(left, pull, low, high)
+    scale = 1 / np.maximum(seen, 1e-150)
+    kind = insertion.place.kind
+    bounds = [item.bounds_at(kind) for item in insertion.parameters if item.role == "size"]
+    low, high = (np.array(side) / scale for side in zip(*bounds, strict=True))
+    size = lsq_linear(across * scale, -left, (low, high), tol=1e-12).x
+    size[np.abs(size) < 1e-6 * np.abs(size).max(initial=0.0)] = 0.0  # the solver stays a little inside the bounds
+    change = across @ (size * scale)
+    predicted = float(left @ left - np.sum((left + change) ** 2))
     values = insertion.starts | dict(zip(insertion.size_names, size * scale, strict=True))
-    if not size.any():
-        wanted = -np.linalg.lstsq(left, pull, rcond=1e-12)[0] * scale
+    if not predicted > 0:
+        wanted = -np.linalg.lstsq(across * scale, left, rcond=1e-12)[0] * scale
         values |= dict(zip(insertion.size_names, wanted, strict=True))
         why = "it would need the wrong sign: it does not oppose motion"
         return Candidate(insertion, values, 0.0, 0.0, 0.0, None, why)
-    return Candidate(insertion, values, float(-pull @ size), 0.0, 0.0, None, "")
-
-
-def _within(gram: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the sizes with the least cost, leaving out one after the other those beyond their bounds."""
-    size = np.zeros(gradient.size)
-    free = np.ones(gradient.size, dtype=bool)
-    while free.any():
-        size[:] = 0.0
-        size[free] = -np.linalg.lstsq(gram[np.ix_(free, free)], gradient[free], rcond=1e-12)[0]
-        beyond = np.maximum(low - size, size - high)
-        if beyond.max() <= 0:
-            return size
-        free[int(np.argmax(beyond))] = False
-    return np.zeros(gradient.size)
+    return Candidate(insertion, values, predicted, 0.0, 0.0, None, "", change / np.linalg.norm(change))

@@ -8,14 +8,17 @@ import numpy as np
 from cartpend_dae.assemble import assemble
 from cartpend_dae.data import Experiment
 from cartpend_dae.discover.records import Setup
-from cartpend_dae.effects import Insertion, insert
+from cartpend_dae.effects import Insertion, insert_all
 from cartpend_dae.identify import Fit, estimate
 from cartpend_dae.language import Component
 from cartpend_dae.problem import Problem, dominant_frequency, free_parameter, make_problem
 from cartpend_dae.shooting import Linearisation, linearised
+from cartpend_dae.system import System
 from cartpend_dae.unknowns import Free, tie
 
 Report = Callable[[str, str, float], None]
+# product of step and fastest eigenvalue where integration need not be exact; Runge-Kutta is stable up to 2.8
+COARSE = 1.0
 
 
 @dataclass(slots=True)
@@ -40,8 +43,36 @@ class Workbench:
         hints: Mapping[str, float],
     ) -> Problem:
         """Make a problem on given runs."""
-        model = augmented(self.setup.model, insertions)
-        system = assemble(model)
+        system = assemble(augmented(self.setup.model, insertions))
+        free = self._free(system, insertions, hints)
+        return self._problem(system, free, renamed(experiments, insertions), insertions, self.setup.step)
+
+    def problem_of(
+        self, system: System, taken: tuple[Insertion, ...], inside: tuple[Insertion, ...], *, coarse: bool = False
+    ) -> Problem:
+        """Make a problem of a system with effects `inside` on the training runs, of which those `taken` are free.
+
+        A `coarse` one steps as far as the fastest motion allows, for what need not be exact.
+        """
+        runs = renamed(self.setup.train, inside)
+        free = self._free(system, taken, {})
+        problem = self._problem(system, free, runs, inside, self.setup.step)
+        return replace(problem, step=None, stride=COARSE) if coarse else problem
+
+    def _problem(
+        self,
+        system: System,
+        free: tuple[Free, ...],
+        runs: tuple[Experiment, ...],
+        inside: tuple[Insertion, ...],
+        step: float | None,
+    ) -> Problem:
+        setup = self.setup
+        ties = tuple(tie(system, name, text) for name, text in setup.ties)
+        origins = {new: old for insertion in inside for old, new in insertion.measured.items()}
+        return make_problem(system, free, runs, step=step, ties=ties, huber=setup.huber, origins=origins)
+
+    def _free(self, system: System, insertions: tuple[Insertion, ...], hints: Mapping[str, float]) -> tuple[Free, ...]:
         free: list[Free] = []
         for spec in self.setup.free:
             free.append(
@@ -61,10 +92,7 @@ class Workbench:
                 hint = abs(hints.get(name, 0.0)) or None
                 lower, upper = (_finite(bound) for bound in item.bounds_at(insertion.place.kind))
                 free.append(free_parameter(system, name, guess=start, lower=lower, upper=upper, scale=hint))
-        setup = self.setup
-        ties = tuple(tie(system, name, text) for name, text in setup.ties)
-        runs = renamed(experiments, insertions)
-        return make_problem(system, tuple(free), runs, step=setup.step, ties=ties, huber=setup.huber)
+        return tuple(free)
 
     def fit(
         self,
@@ -108,9 +136,7 @@ def _finite(bound: float) -> float | None:
 
 def augmented(model: Component, insertions: tuple[Insertion, ...]) -> Component:
     """Return the model with all insertions made, one after the other."""
-    for insertion in insertions:
-        model = insert(model, insertion)
-    return model
+    return insert_all(model, insertions) if insertions else model
 
 
 def renamed(experiments: tuple[Experiment, ...], insertions: tuple[Insertion, ...]) -> tuple[Experiment, ...]:

@@ -2,7 +2,7 @@
 
 from cartpend_dae.effects.card import Card, EffectParameter, choice, level, shape, size
 from cartpend_dae.effects.catalogue import catalogue
-from cartpend_dae.effects.insert import Insertion, insert
+from cartpend_dae.effects.insert import Insertion, insert, insert_all
 from cartpend_dae.effects.places import Place, fits, places
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "choice",
     "fits",
     "insert",
+    "insert_all",
     "level",
     "places",
     "shape",

@@ -7,7 +7,7 @@ sensor     variable --[effect]-- its readers     and its name in the records
 input      its source --[effect]-- the input     and its name in the records
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -113,13 +113,23 @@ def insert(
     TypeError
         If the effect has no such parameter.
     """
-    insertion = effect if isinstance(effect, Insertion) else _insertion(model, effect, at, values)
+    return insert_all(model, (effect if isinstance(effect, Insertion) else _insertion(model, effect, at, values),))
+
+
+def insert_all(model: Component, insertions: Iterable[Insertion]) -> Component:
+    """Return a copy of a model with several effects in it, put there one after the other."""
     fresh = rebuild(model)
+    for insertion in insertions:
+        _put(fresh, insertion)
+    return fresh
+
+
+def _put(fresh: Component, insertion: Insertion) -> None:
     card, place = insertion.card, insertion.place
     made = card.components[place.kind](**_given(insertion))
     if card.insertion == "parallel":
         _beside(fresh, card, place, made)
-        return fresh
+        return
     path, _, name = place.at.rpartition(".")
     owner, label = component_at(fresh, path), f"{name}.{card.id}"
     if card.insertion == "law":
@@ -130,7 +140,6 @@ def insert(
         ends = (_nearest_end(owner, name), getattr(made, near))
         owner.attach(label, made, connect(*(reversed(ends) if card.insertion == "input" else ends)))
         divert(owner, name, getattr(made, far))
-    return fresh
 
 
 def _insertion(model: Component, effect: Card | str, at: Place | str | None, values: Mapping[str, float]) -> Insertion:

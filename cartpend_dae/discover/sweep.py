@@ -1,0 +1,276 @@
+"""All effects in one model, none of them felt, and what each would change to first order: one simulation for all.
+
+At size 0 the states inside an effect follow the model and do not act on it. So they are simulated once along the
+trajectory of the model, and the sensitivities of the model's own states x to the size s of each effect obey
+
+    d(dx)/dt = (df/dx) dx + df/ds,    de = (dh/dx) dx + dh/ds,
+
+in which df/ds, for hundreds of effects, comes from as few adjoint directions as the model has states.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from cartpend_dae.assemble import assemble
+from cartpend_dae.continuous import without_events
+from cartpend_dae.discover.workbench import Workbench
+from cartpend_dae.effects import Insertion, insert_all
+from cartpend_dae.errors import SolverError
+from cartpend_dae.problem import Problem
+from cartpend_dae.shooting import carried_on, run_through, scaled_values, start_slopes
+from cartpend_dae.system import System
+from cartpend_dae.transcribe import sample_step, stack_data
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """Weighted residuals (n,), their derivatives in what is fitted already (n, n_base), and in each size (n,)."""
+
+    residual: np.ndarray
+    base: np.ndarray
+    sizes: dict[str, np.ndarray]
+
+
+def sweep(
+    bench: Workbench,
+    taken: tuple[Insertion, ...],
+    options: tuple[Insertion, ...],
+    point: Mapping[str, float],
+    bandwidth: float,
+    sd: np.ndarray,
+) -> Sweep:
+    """Linearise the model at a fit in the sizes of many effects at once.
+
+    Parameters
+    ----------
+    bench
+        The workbench.
+    taken
+        Effects in the model already.
+    options
+        Other effects, each at most once at a place.
+    point
+        The fit: parameters and free starts by name, SI.
+    bandwidth
+        Bandwidth of the output injection of that fit [rad/s].
+    sd
+        Noise used as weight, shape (n_y,).
+
+    Raises
+    ------
+    SolverError
+        If the simulation with the effects diverges.
+    """
+    whole = (*taken, *options)
+    system = without_events(assemble(insert_all(bench.setup.model, whole)), "An estimation")
+    system = _sliding(system, options)
+    problem = bench.problem_of(system, taken, whole, coarse=True)
+    values = scaled_values(problem, point)
+    w = np.full(len(problem.outputs), float(bandwidth))
+    data = stack_data(problem.layout, problem.experiments, 1.0 / sd)
+    residual, states = run_through(problem, values, w, data)
+    if not (np.all(np.isfinite(states)) and np.all(np.isfinite(residual))):
+        raise SolverError("The model with all effects of the catalogue in it diverges.")
+    inside = _inside(system, options)
+    local = _local(problem, system, inside, values, w, data, states)
+    names = tuple(name for insertion in options for name in insertion.size_names)
+    growth = _growth(problem, system, inside, names, values, data, states)
+    return _gathered(problem, values, local, growth, residual, inside, names, data)
+
+
+def _sliding(system: System, options: tuple[Insertion, ...]) -> System:
+    """Return a system in which the dry friction of the options slides: at level 0 it does not matter how it sticks."""
+    f = system.frictions
+    mine = [i for i, place in enumerate(f.places) if _is_at(place, options)]
+    others = [i for i in range(len(f.places)) if i not in mine]
+    if not mine:
+        return system
+    slide = ca.if_else(f.speed[mine] > 0, f.level_pos[mine], -f.level_neg[mine]) * ca.fabs(ca.sign(f.speed[mine]))
+    force = f.force[mine]
+    # the level of one may depend on the force of another, which is nothing at first order
+    slide = ca.substitute(slide, force, ca.SX.zeros(len(mine)))
+    parts = [system.ode, system.alg, system.outputs, system.initials.residual, system.invariants]
+    ode, alg, outputs, initials, invariants = ca.substitute(parts, [force], [slide])
+    laws = [law[others] for law in f.laws]
+    kept = replace(
+        f,
+        places=tuple(f.places[i] for i in others),
+        force=f.force[others],
+        speed=laws[0],
+        level_pos=laws[1],
+        level_neg=laws[2],
+        static_pos=laws[3],
+        static_neg=laws[4],
+    )
+    return replace(
+        system,
+        ode=ode,
+        alg=alg,
+        outputs=outputs,
+        initials=replace(system.initials, residual=initials),
+        invariants=invariants,
+        frictions=kept,
+    )
+
+
+def _is_at(name: str, options: tuple[Insertion, ...]) -> bool:
+    return any(name == option.prefix or name.startswith(option.prefix + ".") for option in options)
+
+
+def _inside(system: System, options: tuple[Insertion, ...]) -> list[int]:
+    """Return the states that belong to the options."""
+    return [i for i, name in enumerate(system.states) if _is_at(name.removeprefix("der("), options)]
+
+
+@dataclass(frozen=True, slots=True)
+class _Local:
+    """Derivatives from each sample to the next: in states, parameters, measured values; and those of the error."""
+
+    transition: np.ndarray
+    theta: np.ndarray
+    measured: np.ndarray
+    error: np.ndarray
+    error_theta: np.ndarray
+
+
+def _local(
+    problem: Problem,
+    system: System,
+    inside: list[int],
+    values: np.ndarray,
+    w: np.ndarray,
+    data: np.ndarray,
+    states: np.ndarray,
+) -> _Local:
+    """Differentiate the step between samples, in which the sizes are the number 0 and states of the effects inputs."""
+    own = [i for i in range(system.x.numel()) if i not in inside]
+    reduced = _reduced(system, own, inside)
+    layout = replace(problem.layout, system=reduced)
+    n_x, n_y, n_p = layout.n_state, len(layout.outputs), len(layout.slots)
+    n_u, n_inner = system.u.numel(), len(inside)
+    theta, gain, x = ca.SX.sym("theta", n_p), ca.SX.sym("w", n_y), ca.SX.sym("x", n_x)
+    column = ca.SX.sym("data", 2 + 2 * (n_u + n_inner) + 2 * n_y)
+    x_next, error = sample_step(layout, theta, gain, x, column)
+    first = 2 + 2 * (n_u + n_inner)
+    jacobian = ca.jacobian(ca.vertcat(x_next, error), ca.vertcat(x, theta, column[first : first + n_y]))
+    function = ca.Function("local", [ca.vertcat(theta, gain), x, column], [ca.densify(jacobian)], {"cse": True})
+    n = data.shape[1]
+    inner = states[inside]
+    after = np.hstack([inner[:, 1:], inner[:, -1:]])
+    rows = np.vstack([data[: 2 + n_u], inner, data[2 + n_u : 2 + 2 * n_u], after, data[2 + 2 * n_u :]])
+    carried = np.repeat(carried_on(problem, values, w), problem.layout.length, axis=1)
+    kept = [*own, *range(system.x.numel(), states.shape[0])]
+    found = np.asarray(function.map(n)(carried, states[kept], rows))
+    found = found.reshape(n_x + n_y, n, n_x + n_p + n_y).transpose(1, 0, 2)
+    parts = np.split(found, [n_x, n_x + n_p], axis=2)
+    return _Local(parts[0][:, :n_x], parts[1][:, :n_x], parts[2][:, :n_x], parts[0][:, n_x:], parts[1][:, n_x:])
+
+
+def _reduced(system: System, own: list[int], inside: list[int]) -> System:
+    """Return a system whose states inside effects are inputs after its own."""
+    place = {state: position for position, state in enumerate(own)}
+    relations = {
+        name: replace(relation, state=place[relation.state])
+        for name, relation in system.state_relations.items()
+        if relation.state in place
+    }
+    return replace(
+        system,
+        states=tuple(system.states[i] for i in own),
+        x=system.x[own, 0],
+        ode=system.ode[own, 0],
+        inputs=(*system.inputs, *(system.states[i] for i in inside)),
+        u=ca.vertcat(system.u, system.x[inside, 0]),
+        state_relations=relations,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Growth:
+    """df/ds at both ends of the interval after each sample, (n, n_own, n_sizes), and dh/ds, (n, n_y, n_sizes)."""
+
+    left: np.ndarray
+    right: np.ndarray
+    outputs: np.ndarray
+
+
+def _growth(
+    problem: Problem,
+    system: System,
+    inside: list[int],
+    names: tuple[str, ...],
+    values: np.ndarray,
+    data: np.ndarray,
+    states: np.ndarray,
+) -> _Growth:
+    """Evaluate how fast each size would move the states, and how it would change the outputs."""
+    s, layout = system, problem.layout
+    own = [i for i in range(s.x.numel()) if i not in inside]
+    sizes = s.p[[s.parameter_index(name) for name in names]]
+    still = ca.SX.zeros(s.frictions.force.numel())
+    ode, alg, outputs = ca.substitute(
+        [s.ode[own, 0], s.alg, s.outputs[list(layout.outputs)]], [s.frictions.force], [still]
+    )
+    slope, output_slope = ca.jacobian(ode, sizes), ca.jacobian(outputs, sizes)
+    if s.z.numel():
+        through = ca.solve(ca.jacobian(alg, s.z), ca.densify(ca.jacobian(alg, sizes)))
+        slope -= ca.jacobian(ode, s.z) @ through
+        output_slope -= ca.jacobian(outputs, s.z) @ through
+    both = ca.densify(ca.vertcat(slope, output_slope))
+    function = ca.Function("growth", [s.time, s.x, s.z, s.u, s.p], [both], {"cse": True})
+    n, n_u, n_x = data.shape[1], s.u.numel(), s.x.numel()
+    parameters = [problem.functions.parameters(values[owners]) for owners in layout.owners]
+    p = np.hstack([np.asarray(one) for one in parameters])[:, np.repeat(layout.runs, layout.length)]
+    begin = data[0], states, data[2 : 2 + n_u]
+    end = data[0] + data[1], np.hstack([states[:, 1:], states[:, -1:]]), data[2 + n_u : 2 + 2 * n_u]
+    left, right = (
+        np.asarray(function.map(n)(t, x[:n_x], x[n_x:], u, p)).reshape(both.shape[0], n, len(names)).transpose(1, 0, 2)
+        for t, x, u in (begin, end)
+    )
+    n_own = len(own)
+    return _Growth(left[:, :n_own], right[:, :n_own], left[:, n_own:])
+
+
+def _gathered(
+    problem: Problem,
+    values: np.ndarray,
+    local: _Local,
+    growth: _Growth,
+    residual: np.ndarray,
+    inside: list[int],
+    names: tuple[str, ...],
+    data: np.ndarray,
+) -> Sweep:
+    """Carry all sensitivities along the samples, and collect those of what was measured."""
+    layout, n_y = problem.layout, len(problem.outputs)
+    n, n_own, n_sizes = growth.left.shape
+    n_state, n_all = local.transition.shape[1], values.size
+    weight = data[-n_y:].T
+    start = dict(zip(layout.first, start_slopes(problem, values), strict=True))
+    own = [i for i in range(problem.layout.n_state) if i not in inside]
+    eta = np.zeros((n_state, n_all + n_sizes))
+    columns = np.zeros((n, n_y, n_all + n_sizes))
+    owners = layout.owners[layout.runs]
+    for k in range(n):
+        segment, within = divmod(k, layout.length)
+        if within == 0 and segment in start:
+            eta = np.hstack([start[segment][own], np.zeros((n_state, n_sizes))])
+        theta = owners[segment]
+        columns[k] = local.error[k] @ eta
+        columns[k][:, theta] += local.error_theta[k]
+        seen = growth.outputs[k] * weight[k][:, None]
+        columns[k][:, n_all:] -= seen
+        after = local.transition[k] @ eta
+        after[:, theta] += local.theta[k]
+        h = data[1, k]
+        after[:, n_all:] += h / 2 * (local.transition[k][:, :n_own] @ growth.left[k])
+        after[:n_own, n_all:] += h / 2 * growth.right[k]
+        after[:, n_all:] -= local.measured[k] @ growth.outputs[k]
+        eta = after
+    measured = weight.ravel() > 0
+    flat = columns.reshape(-1, n_all + n_sizes)[measured]
+    sizes = {name: flat[:, n_all + i] for i, name in enumerate(names)}
+    return Sweep(residual.T.ravel()[measured], flat[:, :n_all], sizes)
