@@ -15,7 +15,7 @@ BLIND = 1e-10
 
 
 def candidates(cards: tuple[Card, ...], places: tuple[Place, ...], taken: tuple[Insertion, ...]) -> list[Insertion]:
-    """Return every effect at every place that fits it, from each of its starts, except what the model has already."""
+    """Return every effect at every place that fits, from each of its starts, except what the model has already."""
     names = {insertion.prefix for insertion in taken}
     fitting = [(card, place) for place in places for card in cards if fits(card, place)]
     found = [Insertion(card, place, start) for card, place in fitting for start in card.starts(place.kind)]
@@ -53,7 +53,7 @@ def screen(
     Returns
     -------
     list
-        Candidates without a fit, the most promising first; `why_not` is set where there is insertion.starts to fit. Each
+        Candidates without a fit, the most promising first; `why_not` is set where there is nothing to fit. Each
         effect stands once at a place, with the start that promises most.
     """
     found = []
