@@ -3,6 +3,7 @@
 from cartpend_dae.assemble import assemble
 from cartpend_dae.data import Trajectory
 from cartpend_dae.design import Gains, lqr, place
+from cartpend_dae.effects import catalogue, insert, places
 from cartpend_dae.errors import CartpendError, ModelError, SolverError, StructureError, StudyError
 from cartpend_dae.language import (
     Component,
@@ -58,6 +59,7 @@ __all__ = [
     "assemble",
     "assign",
     "both",
+    "catalogue",
     "connect",
     "der",
     "describe_start",
@@ -67,11 +69,13 @@ __all__ = [
     "flow",
     "if_else",
     "initial",
+    "insert",
     "linearize",
     "lqr",
     "noevent",
     "param",
     "place",
+    "places",
     "port",
     "pre",
     "reinit",

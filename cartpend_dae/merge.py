@@ -51,13 +51,39 @@ def merge_frictions(system: System) -> System:
     sums = ca.SX.zeros(old.force.numel())
     for g, members in enumerate(groups):
         sums[members[0][0]] = force[g]
-    ode, alg = ca.substitute([system.ode, system.alg], [old.force], [sums])
-    outputs, *laws = ca.substitute([system.outputs, *system.hybrid.laws], [old.force], [shares])
+    rates = ca.vertcat(system.ode, system.alg)
+    (summed,), (shared,) = (ca.substitute([rates], [old.force], [given]) for given in (sums, shares))
+    felt = _feels_sums(system, rates, groups)
+    rates = ca.vertcat(*[summed[k] if felt[k] else shared[k] for k in range(rates.numel())])
+    ode, alg = rates[: system.ode.numel()], rates[system.ode.numel() :]
+    seen = [system.outputs, system.initials.residual, *system.hybrid.laws]
+    outputs, initials, *laws = ca.substitute(seen, [old.force], [shares])
     merged = Frictions(
         tuple(places), force, ca.vertcat(*speeds), *(ca.vertcat(*column) for column in zip(*levels, strict=True))
     )
     hybrid = replace(system.hybrid.with_laws(laws), modes=tuple(modes))
-    return replace(system, ode=ode, alg=alg, outputs=outputs, frictions=merged, hybrid=hybrid)
+    starts = replace(system.initials, residual=initials)
+    return replace(system, ode=ode, alg=alg, outputs=outputs, initials=starts, frictions=merged, hybrid=hybrid)
+
+
+def _feels_sums(system: System, rates: ca.SX, groups: list[list[tuple[int, ca.SX]]]) -> list[bool]:
+    """Return for each equation whether it only feels what the frictions of a group do together.
+
+    A motion does; a state that follows a force between two of them, as that of a filtered force sensor, does not.
+    """
+    slopes = ca.jacobian(rates, system.frictions.force)
+    differences = [ca.SX.zeros(rates.numel())]
+    for members in groups:
+        first = slopes[:, members[0][0]]
+        differences += [ca.fabs(slopes[:, i] - ratio * first) for i, ratio in members[1:]]
+    total = ca.densify(sum(differences[1:], differences[0]))
+    moving = [system.x, system.z, system.u, system.time, system.p, system.frictions.force]
+    function = ca.Function("difference", moving, [total, ca.sum2(ca.fabs(slopes))])
+    # zero at three points in general position is zero everywhere, as for the ratios
+    generator = np.random.default_rng(0)
+    points = ([generator.uniform(0.5, 2.0, e.numel()) for e in moving] for _ in range(3))
+    values = np.array([[np.asarray(v).ravel() for v in function(*point)] for point in points])
+    return np.all(values[:, 0] <= 1e-9 * (1 + values[:, 1]), axis=0).tolist()
 
 
 def parallel_frictions(system: System) -> tuple[bool, ...]:

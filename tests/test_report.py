@@ -302,7 +302,7 @@ def insertion(effect, place):
 RAIL = Place("rail", translational.Flange, "flange_a", "flange_b", ())
 MASS = Place("mass", translational.Flange, None, "flange_b", ())
 SHAFT = Place("drum.shafts[1]", rotational.Flange, None, "flange_b", ())
-ENCODER = Place("encoder.s", None, None, None, ())
+ENCODER = Place("encoder.s", None, None, None, (), "sensor")
 EFFECTS = {
     "between two flanges": [("coulomb_friction", RAIL, "f_c", 0.7)],
     "against ground": [("cubic_stiffness", MASS, "c3", 30.0)],

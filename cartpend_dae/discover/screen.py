@@ -16,7 +16,7 @@ BLIND = 1e-10
 
 
 def candidates(cards: tuple[Card, ...], places: tuple[Place, ...], taken: tuple[Insertion, ...]) -> list[Insertion]:
-    """Return every effect at every place that fits it, from each of its starts, except what the model has already."""
+    """Return every effect at every place that fits, from each of its starts, except what the model has already."""
     names = {insertion.prefix for insertion in taken}
     fitting = [(card, place) for place in places for card in cards if fits(card, place)]
     found = [Insertion(card, place, start) for card, place in fitting for start in card.starts(place.kind)]

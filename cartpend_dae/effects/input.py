@@ -15,7 +15,9 @@ def input_cards() -> tuple[Card, ...]:
             parameters=(size("u_0"),),
             dissipative=False,
             nested_in=(),
-            equivalent_to={"constant_load": "an actuator without dynamics, at the same motion"},
+            equivalent_to={
+                "constant_load": "an actuator without dynamics whose current is not measured, at the same motion"
+            },
             regressors=("1",),
             excited_by="command 0, and motion in both directions",
             source="y = u + u_0",

@@ -16,7 +16,7 @@ def load_cards() -> tuple[Card, ...]:
             dissipative=False,
             nested_in=(),
             equivalent_to={
-                "input_offset": "an actuator without dynamics, at the same motion",
+                "input_offset": "an actuator without dynamics whose current is not measured, at the same motion",
                 "sensor_offset": "small amplitude about a rest position, with a free start",
                 "imbalance": "small angles: its cosine part",
             },

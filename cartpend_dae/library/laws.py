@@ -27,26 +27,29 @@ def each_way(v: ca.SX, forward: ca.SX, backward: ca.SX) -> ca.SX:
     return forward * ca.fmax(v, 0) + backward * ca.fmin(v, 0)
 
 
-def presliding_rate(z: ca.SX, v: ca.SX, length: ca.SX, order: int = 1) -> ca.SX:
-    """Return (v - |v| z |z|^(order - 1)) / length: z goes to sgn v within a few lengths, the sharper the higher order.
+def presliding_rate(z: ca.SX, v: ca.SX, length: ca.SX, lag: ca.SX, order: int = 1) -> ca.SX:
+    """Return (v - |v| z |z|^(n - 1)) / (length + n lag |v|): z goes to sgn v, the sharper the higher the order n.
 
-    Its rate does not depend on time, only on the way; at rest z stays.
-
-    References
-    ----------
-    P. R. Dahl, AIAA Journal 14 (1976), 1675-1682, doi:10.2514/3.61511.
-    """
-    return (v - ca.fabs(v) * z * ca.fabs(z) ** (order - 1)) / length
-
-
-def bouc_wen_rate(z: ca.SX, v: ca.SX, length: ca.SX, beta: ca.SX) -> ca.SX:
-    """Return (v - beta |v| |z| z - (1 - beta) v z^2) / length; z stays between -1 and 1.
+    Below the speed length/lag it depends on the way alone: z is there after a few lengths, and at rest it stays. Above,
+    where that would take less time than `lag`, it takes `lag`; what is gone by then does not show, and fixed steps can
+    follow it.
 
     References
     ----------
-    Y. K. Wen, J. Eng. Mech. Div. 102 (1976), 249-263, doi:10.1061/JMCEA3.0002106, with n = 2 and A = 1.
+    P. R. Dahl, AIAA Journal 14 (1976), 1675-1682, doi:10.2514/3.61511, without lag.
     """
-    return (v - beta * ca.fabs(v) * ca.fabs(z) * z - (1 - beta) * v * z**2) / length
+    return (v - ca.fabs(v) * z * ca.fabs(z) ** (order - 1)) / (length + order * lag * ca.fabs(v))
+
+
+def bouc_wen_rate(z: ca.SX, v: ca.SX, length: ca.SX, lag: ca.SX, beta: ca.SX) -> ca.SX:
+    """Return (v - beta |v| |z| z - (1 - beta) v z^2) / (length + 2 lag |v|); z stays between -1 and 1, lag as above.
+
+    References
+    ----------
+    Y. K. Wen, J. Eng. Mech. Div. 102 (1976), 249-263, doi:10.1061/JMCEA3.0002106, with n = 2 and A = 1, without lag.
+    """
+    rate = v - beta * ca.fabs(v) * ca.fabs(z) * z - (1 - beta) * v * z**2
+    return rate / (length + 2 * lag * ca.fabs(v))
 
 
 def wave(angle: ca.SX, sine: ca.SX, cosine: ca.SX) -> ca.SX:

@@ -53,19 +53,21 @@ class EndStop(CompliantWithSpeed):
 
 
 class Hysteresis(CompliantWithSpeed):
-    """Bouc-Wen hysteresis, tau = c_h z_h z, der(z) = (v - beta |v| |z| z - (1 - beta) v z^2)/z_h, v = w_rel.
+    """Bouc-Wen hysteresis, tau = c_h z_h z, der(z) = (v - beta |v| |z| z - (1 - beta) v z^2)/z_0, v = w_rel.
 
-    c_h is the stiffness at small amplitudes, c_h z_h the largest torque. Stiffness beside it is an effect of its own.
+    z_0 = z_h + 2 |v| T_0. c_h is the stiffness at small amplitudes, c_h z_h the largest torque.
+    Stiffness beside it is an effect of its own.
     """
 
     z = var(unit="1", doc="memory, between -1 and 1")
     c_h: Param = param(unit="N.m/rad", default=0.0, min=0, doc="stiffness at small amplitudes")
     z_h: Param = param(unit="rad", default=0.1, min=0, doc="deflection at which it yields")
     beta: Param = param(unit="1", default=0.5, min=0.5, max=1, doc="shape of the loop; 1 is the widest")
+    T_0: Param = param(unit="s", default=0.005, min=0, doc="shortest time in which it changes")
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield der(self.z) == bouc_wen_rate(self.z, self.w_rel, self.z_h, self.beta)
+        yield der(self.z) == bouc_wen_rate(self.z, self.w_rel, self.z_h, self.T_0, self.beta)
         yield self.tau == self.c_h * self.z_h * self.z
 
 

@@ -68,11 +68,11 @@ class BaseCompliance(Link):
 
 
 class Backlash(Link):
-    """Backlash, q = b x/2, der(der(x)) = w_c^2 (f/f_r - 9 e(x)) - 3 w_c der(x), e(x) what x exceeds -1 to 1.
+    """Backlash, q = b x/2, der(der(x)) = w_c^2 (f/f_r - 9 e) - 4 w_c min(1, 9 |e|) der(x), e = x beyond -1 to 1.
 
     x is the place in the gap of the total width b, and -1 and 1 are its flanks. In the gap the force is only that of
     an inertance 2 f_r/(b w_c^2), so f_r is to be small against what is passed on; the flanks are springs of
-    18 f_r/b. For b = 0 the two ends move as one, while x still shows on which flank they are.
+    18 f_r/b with dampers. For b = 0 the two ends move as one, while x still shows on which flank they are.
     """
 
     x = var(unit="1", doc="place in the gap, -1 and 1 at its flanks")
@@ -85,8 +85,10 @@ class Backlash(Link):
         yield from super().equations()
         yield self.q == self.b / 2 * self.x
         yield self.xd == der(self.x)
-        push = self.f / self.f_r - 9 * beyond(self.x, -1, 1)
-        yield der(self.xd) == self.w_c * (self.w_c * push - 3 * self.xd)
+        depth = beyond(self.x, -1, 1)
+        push = self.f / self.f_r - 9 * depth
+        touch = ca.fmin(1, 9 * ca.fabs(depth))
+        yield der(self.xd) == self.w_c * (self.w_c * push - 4 * touch * self.xd)
 
 
 class LoadDependentFriction(Component):

@@ -4,6 +4,8 @@ Every level is 0 unless it is set, and then the component is not felt. None of t
 motion sticks, `dry_friction` says so.
 """
 
+import casadi as ca
+
 from cartpend_dae.language import Param, Statements, der, dry_friction, param, var
 from cartpend_dae.library.laws import (
     breakaway_level,
@@ -78,28 +80,30 @@ class PositionDependentFriction(CompliantWithSpeed):
 
 
 class DahlFriction(CompliantWithSpeed):
-    """Dahl friction, f = f_c z, der(z) = (v - |v| z)/s_s, v = v_rel: stiffness f_c/s_s, then f_c sgn v.
+    """Dahl friction, f = f_c z, der(z) = (v - |v| z)/(s_s + |v| T_0), v = v_rel.
 
-    z is the deflection of the contact in parts of that at sliding, which is s_s.
+    z is the deflection of the contact in parts of that at sliding, s_s; the stiffness at rest is f_c/s_s. Above the
+    speed s_s/T_0 it changes within T_0, so that fixed steps can follow it.
     """
 
     z = var(unit="1", doc="deflection of the contact, between -1 and 1")
     f_c: Param = param(unit="N", default=0.0, min=0, doc="Coulomb level")
     s_s: Param = param(unit="m", default=0.002, min=0, doc="presliding length")
+    T_0: Param = param(unit="s", default=0.005, min=0, doc="shortest time in which it changes")
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield der(self.z) == presliding_rate(self.z, self.v_rel, self.s_s)
+        yield der(self.z) == presliding_rate(self.z, self.v_rel, self.s_s, self.T_0)
         yield self.f == self.f_c * self.z
 
 
 class LuGreFriction(CompliantWithSpeed):
-    """LuGre friction, f = g(v) z + d_1 (v - |v| z) + d v, der(z) = (v - |v| z)/s_s, v = v_rel.
+    """LuGre friction, f = g(v) z + d_1 (v - |v| z) + d v, der(z) = (v - |v| z)/(s_s + |v| T_0), v = v_rel.
 
     g = f_c + (f_s - f_c) exp(-(v/v_s)^2). z is the bristles' deflection in parts of that at sliding. In the
     paper's letters sigma_0 = g(v)/s_s and sigma_1 = d_1: the bristles slide at the deflection s_s at every speed,
     which keeps the law defined, and linear, where the levels are 0. Curve at steady speed, presliding and the lag
-    of friction behind the speed are those of the paper.
+    of friction behind the speed are those of the paper. Above the speed s_s/T_0 the bristles take the time T_0.
     """
 
     z = var(unit="1", doc="deflection of the bristles, between -1 and 1")
@@ -109,20 +113,25 @@ class LuGreFriction(CompliantWithSpeed):
     s_s: Param = param(unit="m", default=0.002, min=0, doc="presliding length")
     d_1: Param = param(unit="N.s/m", default=0.0, min=0, doc="damping of the bristles")
     d: Param = param(unit="N.s/m", default=0.0, min=0, doc="viscous damping")
+    T_0: Param = param(unit="s", default=0.005, min=0, doc="shortest time in which it changes")
 
     def equations(self) -> Statements:
         yield from super().equations()
-        rate = presliding_rate(self.z, self.v_rel, self.s_s)
+        rate = presliding_rate(self.z, self.v_rel, self.s_s, self.T_0)
         level = stribeck_level(self.v_rel, self.f_c, self.f_s, self.v_s)
         yield der(self.z) == rate
-        yield self.f == level * self.z + self.d_1 * self.s_s * rate + self.d * self.v_rel
+        yield (
+            self.f
+            == level * self.z + self.d_1 * (self.s_s + ca.fabs(self.v_rel) * self.T_0) * rate + self.d * self.v_rel
+        )
 
 
 class MaxwellSlipFriction(CompliantWithSpeed):
     """Maxwell-slip friction, f = f_c (z_1 + z_2 + z_3 + z_4)/4: four springs that slip one after the other.
 
-    Spring k slips after the way k s_s/4: der(z_k) = (v - |v| z_k |z_k|^3)/(k s_s/4), v = v_rel; the power rounds
-    the corner at which a spring begins to slip, so that the law has a slope everywhere.
+    Spring k slips after the way k s_s/4: der(z_k) = (v - |v| z_k |z_k|^3)/(k s_s/4 + 4 |v| T_0), v = v_rel; the
+    power rounds the corner at which a spring begins to slip, so that the law has a slope everywhere. T_0 is the
+    shortest time in which they change.
     """
 
     z_1 = var(unit="1", doc="deflection of the first spring, between -1 and 1")
@@ -131,10 +140,11 @@ class MaxwellSlipFriction(CompliantWithSpeed):
     z_4 = var(unit="1", doc="deflection of the fourth spring")
     f_c: Param = param(unit="N", default=0.0, min=0, doc="Coulomb level")
     s_s: Param = param(unit="m", default=0.002, min=0, doc="way after which all slip")
+    T_0: Param = param(unit="s", default=0.005, min=0, doc="shortest time in which it changes")
 
     def equations(self) -> Statements:
         yield from super().equations()
         springs = (self.z_1, self.z_2, self.z_3, self.z_4)
         for k, z in enumerate(springs, start=1):
-            yield der(z) == presliding_rate(z, self.v_rel, k * self.s_s / 4, order=4)
+            yield der(z) == presliding_rate(z, self.v_rel, k * self.s_s / 4, self.T_0, order=4)
         yield self.f == self.f_c * (self.z_1 + self.z_2 + self.z_3 + self.z_4) / 4

@@ -11,15 +11,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from importlib.util import decode_source
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import casadi as ca
 
 import cartpend_dae
-from cartpend_dae import language
+from cartpend_dae import language, splice
 from cartpend_dae.discover import Discovery
+from cartpend_dae.effects.rebuild import signals_of
 from cartpend_dae.effects.walk import walk
-from cartpend_dae.language import Component, Port, attached_to, bindings_of, parameters_of, variables_of
+from cartpend_dae.language import Component, Port, attached_to, bindings_of, parameters_of
+from cartpend_dae.quantities import InstanceState, state_of
 from cartpend_dae.report.text import effect_name, estimated, quantity, uncertain, with_unit
 from cartpend_dae.session import Opened
 
@@ -32,17 +35,36 @@ class _Names:
 
     module: dict[str, Any]
     imports: list[str] = field(default_factory=list)
+    folders: list[str] = field(default_factory=list)
 
     def use(self, package: str, name: str, value: object) -> str:
         """Return the name under which `value` of `package` is known in the file; import it if need be."""
+        return self._known(name, value, f"from {package} import {name}")
+
+    def use_module(self, module: ModuleType) -> str:
+        """Return the name under which a module is known; one that is a user's own file is imported from its folder."""
+        package, _, name = module.__name__.rpartition(".")
+        if package:
+            return self.use(package, name, module)
+        file = Path(module.__file__ or name)
+        if str(file.parent) not in self.folders:
+            self.folders.append(str(file.parent))
+        return self._known(file.stem, module, f"import {file.stem}")
+
+    def _known(self, name: str, value: object, statement: str) -> str:
         if self.module.get(name) is value:
             return name
         local = name
         while local in self.module:
             local += "_"
         self.module[local] = value
-        self.imports.append(f"from {package} import {name}" + (f" as {local}" if local != name else ""))
+        self.imports.append(statement + (f" as {local}" if local != name else ""))
         return local
+
+    def import_lines(self) -> list[str]:
+        """Return the imports, after what makes the folders of a user's own effects known."""
+        paths = [f"sys.path.insert(0, {folder!r})  # an effect of the user's own is there" for folder in self.folders]
+        return [*(["import sys", ""] if paths else []), *paths, *sorted(set(self.imports))]
 
 
 def model_plus_source(opened: Opened, discovery: Discovery) -> str:
@@ -74,7 +96,7 @@ def model_plus_source(opened: Opened, discovery: Discovery) -> str:
     assemble = names.use("cartpend_dae", "assemble", cartpend_dae.assemble)
     main = ["", "", 'if __name__ == "__main__":', f"{INDENT}print({assemble}({name}()))"]
     source = _copied(reference.path)
-    return "\n".join([source, "", *sorted(set(names.imports)), "", "", *lines, *main]) + "\n"
+    return "\n".join([source, "", *names.import_lines(), "", "", *lines, *main]) + "\n"
 
 
 def _copied(path: Path) -> str:
@@ -162,23 +184,39 @@ def _values(opened: Opened, discovery: Discovery) -> Iterator[str]:
         yield f"{where[path]}.{name} = {_number(q.value)}  # fixed by the study, {q.declaration.unit}"
 
 
+@dataclass(frozen=True, slots=True)
+class _Ends:
+    """How the ports and signals of a model are written in its class; `where` has the expression of each component."""
+
+    where: dict[str, str]
+    paths: dict[int, str]
+    signals: dict[int, tuple[str, str]]
+
+    @classmethod
+    def of(cls, model: Component) -> "_Ends":
+        components = list(walk(model))
+        signals = {
+            symbol.element_hash(): (path, name)
+            for path, component in components
+            for name, symbol in signals_of(component)
+        }
+        return cls(_expressions(model), {id(component): path for path, component in components}, signals)
+
+    def place(self, item: Port | ca.SX) -> tuple[str, str]:
+        """Return path of the component and name."""
+        return (self.paths[id(item.owner)], item.name) if isinstance(item, Port) else self.signals[item.element_hash()]
+
+    def text(self, item: Port | ca.SX) -> str:
+        path, name = self.place(item)
+        return f"{self.where[path]}.{name}"
+
+
 def _additions(discovery: Discovery, names: _Names) -> Iterator[str]:
     """Make and attach every part that the augmented model has and the user's has not."""
     before = {path for path, _ in walk(discovery.setup.model)}
-    where = _expressions(discovery.model_plus)
+    ends = _Ends.of(discovery.model_plus)
     estimates = {e.name: e for e in discovery.search.final.parameters}
-    paths = {id(component): path for path, component in walk(discovery.model_plus)}
-    signals = {
-        getattr(component, name).element_hash(): (path, name)
-        for path, component in walk(discovery.model_plus)
-        for name in variables_of(type(component))
-    }
     used = {"self"}
-
-    def end(item: Port | ca.SX) -> str:
-        path, name = (paths[id(item.owner)], item.name) if isinstance(item, Port) else signals[item.element_hash()]
-        return f"{where[path]}.{name}"
-
     for path, owner in walk(discovery.model_plus):
         for name, (part, connections) in attached_to(owner).items():
             full = f"{path}.{name}" if path else name
@@ -189,22 +227,37 @@ def _additions(discovery: Discovery, names: _Names) -> Iterator[str]:
                 local += "_"
             used.add(local)
             # a part that the user's file cannot know is called by the name of its variable
-            where[full] = local
+            ends.where[full] = local
             yield f"{local} = {_made(part, names)}{_comment(part, full, estimates)}"
-            ends = [", ".join(end(item) for item in connection.ends) for connection in connections]
-            connect = names.use("cartpend_dae", "connect", cartpend_dae.connect) if ends else ""
-            yield f"{_where_attached(where[path], names)}.attach("
+            joints = [", ".join(ends.text(item) for item in connection.ends) for connection in connections]
+            connect = names.use("cartpend_dae", "connect", cartpend_dae.connect) if joints else ""
+            yield f"{_where_attached(ends.where[path], names)}.attach("
             yield f"{INDENT}{name!r},".replace("'", '"')
             yield f"{INDENT}{local},"
-            yield from (f"{INDENT}{connect}({text})," for text in ends)
+            yield from (f"{INDENT}{connect}({text})," for text in joints)
             yield ")"
+    yield from _splices(discovery, names, ends)
+
+
+def _splices(discovery: Discovery, names: _Names, ends: _Ends) -> Iterator[str]:
+    """Let what was added cut into the model, wherever it does so and the user's model does not."""
+    old, was = dict(walk(discovery.setup.model)), _Ends.of(discovery.setup.model)
+    for path, component in walk(discovery.model_plus):
+        now, then = state_of(component), state_of(old[path]) if path in old else InstanceState()
+        for name, to in now.diverted.items():
+            if name not in then.diverted or was.place(then.diverted[name]) != ends.place(to):
+                divert = names.use("cartpend_dae.splice", "divert", splice.divert)
+                yield f'{divert}({_where_attached(ends.where[path], names)}, "{name}", {ends.text(to)})'
+        for name, factors in now.scaled.items():
+            for factor in factors[len(then.scaled.get(name, ())) :]:
+                scale = names.use("cartpend_dae.splice", "scale", splice.scale)
+                yield f'{scale}({_where_attached(ends.where[path], names)}, "{name}", {ends.text(factor)})'
 
 
 def _made(part: Component, names: _Names) -> str:
     """Write the constructor of a library component with the values that it has."""
     cls = type(part)
-    package, _, module = cls.__module__.rpartition(".")
-    library = names.use(package, module, sys.modules[cls.__module__])
+    library = names.use_module(sys.modules[cls.__module__])
     arguments = []
     for name, declared in parameters_of(cls).items():
         value = float(ca.DM(ca.SX(bindings_of(part)[name])))
