@@ -120,7 +120,8 @@ def _predict(insertion: Insertion, found: Sweep, basis: np.ndarray, left: np.nda
     kind = insertion.place.kind
     bounds = [item.bounds_at(kind) for item in insertion.parameters if item.role == "size"]
     low, high = (np.array(side) / scale for side in zip(*bounds, strict=True))
-    size = lsq_linear(across * scale, -left, (low, high), tol=1e-12).x
+    axes, small = np.linalg.qr(across * scale)
+    size = lsq_linear(small, -(axes.T @ left), (low, high), tol=1e-12).x
     size[np.abs(size) < 1e-6 * np.abs(size).max(initial=0.0)] = 0.0  # the solver stays a little inside the bounds
     change = across @ (size * scale)
     predicted = float(left @ left - np.sum((left + change) ** 2))

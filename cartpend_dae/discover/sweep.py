@@ -21,7 +21,7 @@ from cartpend_dae.effects import Insertion, insert_all
 from cartpend_dae.errors import SolverError
 from cartpend_dae.problem import Problem
 from cartpend_dae.shooting import carried_on, run_through, scaled_values, start_slopes
-from cartpend_dae.system import System
+from cartpend_dae.system import Frictions, System
 from cartpend_dae.transcribe import sample_step, stack_data
 
 
@@ -88,8 +88,7 @@ def _sliding(system: System, options: tuple[Insertion, ...]) -> System:
     others = [i for i in range(len(f.places)) if i not in mine]
     if not mine:
         return system
-    slide = ca.if_else(f.speed[mine] > 0, f.level_pos[mine], -f.level_neg[mine]) * ca.fabs(ca.sign(f.speed[mine]))
-    force = f.force[mine]
+    slide, force = _sliding_force(f)[mine], f.force[mine]
     # the level of one may depend on the force of another, which is nothing at first order
     slide = ca.substitute(slide, force, ca.SX.zeros(len(mine)))
     parts = [system.ode, system.alg, system.outputs, system.initials.residual, system.invariants]
@@ -116,8 +115,16 @@ def _sliding(system: System, options: tuple[Insertion, ...]) -> System:
     )
 
 
+def _sliding_force(f: Frictions) -> ca.SX:
+    return ca.if_else(f.speed > 0, f.level_pos, -f.level_neg) * ca.fabs(ca.sign(f.speed))
+
+
 def _is_at(name: str, options: tuple[Insertion, ...]) -> bool:
-    return any(name == option.prefix or name.startswith(option.prefix + ".") for option in options)
+    """Return whether a dotted name is inside one of the options; joined frictions name all their places."""
+    return all(
+        any(part == option.prefix or part.startswith(option.prefix + ".") for option in options)
+        for part in name.split(" + ")
+    )
 
 
 def _inside(system: System, options: tuple[Insertion, ...]) -> list[int]:
@@ -210,9 +217,9 @@ def _growth(
     s, layout = system, problem.layout
     own = [i for i in range(s.x.numel()) if i not in inside]
     sizes = s.p[[s.parameter_index(name) for name in names]]
-    still = ca.SX.zeros(s.frictions.force.numel())
+    # a friction of the model that is one with those of effects slides at a level that their sizes change
     ode, alg, outputs = ca.substitute(
-        [s.ode[own, 0], s.alg, s.outputs[list(layout.outputs)]], [s.frictions.force], [still]
+        [s.ode[own, 0], s.alg, s.outputs[list(layout.outputs)]], [s.frictions.force], [_sliding_force(s.frictions)]
     )
     slope, output_slope = ca.jacobian(ode, sizes), ca.jacobian(outputs, sizes)
     if s.z.numel():
