@@ -114,11 +114,12 @@ class Plant:
                 factor, change = law.flux(m, i)
                 drop, slope, flux, bend = drop + more, slope + steeper, flux * factor, bend + change
             rest = drop + flux * emf - m.u
-            if np.abs(rest).max() < 1e-9:
+            wrong = np.abs(rest) > 1e-9
+            if not wrong.any():
                 break
             low, high = np.where(rest < 0, i, low), np.where(rest > 0, i, high)
             trial = i - rest / (slope + bend * emf)
-            i = np.where((trial > low) & (trial < high), trial, 0.5 * (low + high))
+            i = np.where(wrong, np.where((trial > low) & (trial < high), trial, 0.5 * (low + high)), i)
         return i
 
 

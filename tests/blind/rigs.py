@@ -70,7 +70,11 @@ class Rig:
 
 def pendulum_releases(generator: np.random.Generator, n: int) -> tuple[Run, ...]:
     side = generator.choice((-1.0, 1.0))
-    angles = (side * generator.uniform(0.9, 1.3), -side * generator.uniform(0.4, 0.7), side * generator.uniform(0.6, 1.1))
+    angles = (
+        side * generator.uniform(0.9, 1.3),
+        -side * generator.uniform(0.4, 0.7),
+        side * generator.uniform(0.6, 1.1),
+    )
     return tuple(Run({"phi": float(angle)}, None) for angle in angles)
 
 
@@ -85,7 +89,9 @@ def drives(generator: np.random.Generator, n: int) -> tuple[Run, ...]:
     half = n // 2
     first = multisine(generator, n)
     second = np.concatenate((steps(generator, half), ramps(generator, n - half)))
-    third = np.concatenate((multisine(generator, half), steps(generator, half // 2), ramps(generator, n - half - half // 2)))
+    third = np.concatenate(
+        (multisine(generator, half), steps(generator, half // 2), ramps(generator, n - half - half // 2))
+    )
     return tuple(Run({}, np.clip(u, -20.0, 20.0)) for u in (first, second, third))
 
 

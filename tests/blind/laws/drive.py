@@ -37,7 +37,9 @@ class DeadZoneRounded(Law):
         def late(x: Array, width: Array) -> Array:
             soft = 0.4 * width
             z = x - width
-            return np.where(x > 0, 0.5 * (z + np.sqrt(z * z + soft * soft)) - 0.5 * (np.sqrt(width**2 + soft**2) - width), 0)
+            return np.where(
+                x > 0, 0.5 * (z + np.sqrt(z * z + soft * soft)) - 0.5 * (np.sqrt(width**2 + soft**2) - width), 0
+            )
 
         return late(u, self.p["u_pos"]) - late(-u, self.p["u_neg"])
 
