@@ -95,7 +95,8 @@ def _breakaway(g: np.random.Generator, s: Scale) -> dict[str, float]:
 def _backlash(g: np.random.Generator, s: Scale) -> dict[str, float]:
     if s.force < 1:
         return {"b": 0.15, "c": 4.0, "d": 0.005}
-    c = s.force / (0.02 * s.length)
+    # stiff in contact, so that what shows is the play: 2 and 0.5 mm under the typical force
+    c = s.force / ((0.02 if s.force > 100 else 0.002) * s.length)
     return {"b": 0.05 * s.length, "c": c, "d": 0.15 * float(np.sqrt(c * s.mass))}
 
 
