@@ -99,9 +99,12 @@ def test_what_the_package_calls_one_motion_is_one_place_here(rig):
     from cartpend_dae.study_schema import ModelReference
 
     model = load_model(ModelReference(store.ROOT / "models" / f"{rig}.py"))
-    for place in places(model):
+    found = places(model)
+    every = [name for place in found for name in (place.at, *place.same_motion)]
+    for place in found:
         ours = "bearing" if place.at == "bearing" else "rail"
-        for name in (place.at, *place.same_motion):
+        # the rod of the cart slides and turns: its name alone says neither, and the package never gives it
+        for name in (name for name in (place.at, *place.same_motion) if every.count(name) == 1):
             assert is_place(rig, "coulomb_friction", ours, name), name
 
 

@@ -157,6 +157,7 @@ def _encoder(g: np.random.Generator, s: Scale) -> dict[str, float]:
     return {"a": a, "turns": turns, "phase": _phase(g)}
 
 
+_PLAY = {"rota_damp": ("bearing",), "linear_damp_mod": ("chain",), "driven_cart": ("chain",)}
 EVERY = {"rota_damp": ("bearing.phi",), "linear_damp_mod": ("encoder.s",), "driven_cart": ("encoder.s", "bearing.phi")}
 ALL_THREE = EVERY | {"driven_cart": ("encoder.s", "bearing.phi", "motor.i")}
 NOT_ZEROED = EVERY | {"driven_cart": ("bearing.phi",)}
@@ -179,7 +180,7 @@ EFFECTS: dict[str, Effect] = {
         lambda g, s: {"f_c": 0.25 * s.force, "x_slip": s.length * g.uniform(0.04, 0.15)}, ("f_c",)),
     "breakaway_friction": Effect(friction.Breakaway, friction.BreakawayDwell, BOTH, _breakaway, ("f_c", "f_s")),
     "backlash": Effect(
-        elastic.Backlash, elastic.BacklashRounded, CHAIN | {"rota_damp": ("bearing",)}, _backlash, ("b",)),
+        elastic.Backlash, elastic.BacklashRounded, _PLAY, _backlash, ("b",)),
     "compliance": Effect(
         elastic.Series, elastic.SeriesHardening, CHAIN, _compliance, shrinks=("c", "d"), sizes=SIZES[:6]),
     "cubic_stiffness": Effect(
@@ -244,7 +245,7 @@ EFFECTS: dict[str, Effect] = {
         sensors.Scale, sensors.ScaleBent, EVERY,
         lambda g, s: {"e": _side(g) * 0.2, "y_n": s.length}, ("e",)),
     "sensor_nonlinearity": Effect(sensors.Wave, sensors.WaveTriangle, EVERY, _encoder, ("a",)),
-    "sensor_delay": Effect(sensors.LowPass, sensors.DeadTime, ALL_THREE, lambda g, s: {"T_d": 0.05}, ("T_d",)),
+    "sensor_delay": Effect(sensors.LowPass, sensors.DeadTime, ALL_THREE, lambda g, s: {"T_d": 0.05}, ("T_d",), sizes=SIZES[:6]),
     "sensor_quantization": Effect(sensors.Steps, sensors.StepsDown, EVERY, _steps, ("q",)),
     "clock_drift": Effect(
         sensors.Clock, None, {"rota_damp": ("clock",), "driven_cart": ("clock",)},
@@ -267,6 +268,7 @@ NOT_SHOWN = {
     "viscous_friction": "a free damping of every rig takes it up wholly, at each place where the rig has one",
     "added_inertia at rail": "the free inertial mass takes it up wholly",
     "sensor_offset at encoder.s of driven_cart": "the encoder is set to zero at the start, and no place is special",
+    "backlash at motor of driven_cart": "the model's rotor has no mass, so it has no motion of its own inside the play",
     "clock_drift of linear_damp_mod": "free mass and damping take it up wholly",
 }
 
