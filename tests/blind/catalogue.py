@@ -180,7 +180,7 @@ EFFECTS: dict[str, Effect] = {
         lambda g, s: {"f_c": 0.25 * s.force, "x_slip": s.length * g.uniform(0.04, 0.15)}, ("f_c",)),
     "breakaway_friction": Effect(friction.Breakaway, friction.BreakawayDwell, BOTH, _breakaway, ("f_c", "f_s")),
     "backlash": Effect(
-        elastic.Backlash, elastic.BacklashRounded, _PLAY, _backlash, ("b",)),
+        elastic.Backlash, elastic.BacklashRounded, _PLAY, _backlash, ("b",), sizes=SIZES[:5]),
     "compliance": Effect(
         elastic.Series, elastic.SeriesHardening, CHAIN, _compliance, shrinks=("c", "d"), sizes=SIZES[:6]),
     "cubic_stiffness": Effect(
@@ -245,7 +245,8 @@ EFFECTS: dict[str, Effect] = {
         sensors.Scale, sensors.ScaleBent, EVERY,
         lambda g, s: {"e": _side(g) * 0.2, "y_n": s.length}, ("e",)),
     "sensor_nonlinearity": Effect(sensors.Wave, sensors.WaveTriangle, EVERY, _encoder, ("a",)),
-    "sensor_delay": Effect(sensors.LowPass, sensors.DeadTime, ALL_THREE, lambda g, s: {"T_d": 0.05}, ("T_d",), sizes=SIZES[:6]),
+    "sensor_delay": Effect(
+        sensors.LowPass, sensors.DeadTime, ALL_THREE, lambda g, s: {"T_d": 0.05}, ("T_d",), sizes=SIZES[:6]),
     "sensor_quantization": Effect(sensors.Steps, sensors.StepsDown, EVERY, _steps, ("q",)),
     "clock_drift": Effect(
         sensors.Clock, None, {"rota_damp": ("clock",), "driven_cart": ("clock",)},
