@@ -1,0 +1,185 @@
+"""Run the tool on blind data sets: ``python tests/blind/run.py --regime noise --rig rota_damp --seeds 0-4``.
+
+Each data set is made, given to `cartpend discover` in a process of its own, and its result is kept under
+`build/blind` by the content of package and data: what is there already is not run again, so that the same command
+continues after an interruption. Seeds 0 to 99 are for tuning; seeds from 1000 on are run for the report only, once,
+with `--report`, from a clean checkout.
+"""
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from blind import store
+from blind.cases import KINDS, REPORTED_FROM, TUNING, cases
+from blind.generate import DataSet, generate
+from blind.keys import Key, Regime
+from blind.rigs import RIGS
+from blind.scorer import score
+from blind.writer import write
+
+COMMAND = "from cartpend_dae.cli import main; main()"
+KNOWN = "from cartpend_dae.effects import catalogue; print(*(card.id for card in catalogue()))"
+
+
+def seeds_of(text: str, is_report: bool) -> list[int]:
+    """Read `3`, `0-4` or `0-4,7`; the ranges for tuning and for the report are kept apart.
+
+    Raises
+    ------
+    ValueError
+        If a seed is not of the range that the run is for.
+    """
+    seeds: list[int] = []
+    for part in text.split(","):
+        first, _, last = part.partition("-")
+        seeds += range(int(first), int(last or first) + 1)
+    wrong = [seed for seed in seeds if (seed < REPORTED_FROM if is_report else seed not in TUNING)]
+    if wrong:
+        allowed = f"from {REPORTED_FROM} on" if is_report else f"{TUNING[0]} to {TUNING[-1]}"
+        hint = "" if is_report else f" Seeds from {REPORTED_FROM} on are run once, with --report."
+        raise ValueError(f"The seeds {wrong[:5]} are not for this run, which takes {allowed}.{hint}")
+    return seeds
+
+
+def environment() -> dict[str, str]:
+    """Let the tool be that of this checkout."""
+    import os
+
+    return os.environ | {"PYTHONPATH": str(store.ROOT), "MPLBACKEND": "Agg"}
+
+
+def known_effects() -> frozenset[str]:
+    done = subprocess.run(
+        [sys.executable, "-c", KNOWN], capture_output=True, text=True, check=True, env=environment(), cwd=store.ROOT
+    )
+    return frozenset(done.stdout.split())
+
+
+def discover(study: Path, out: Path, timeout: float) -> tuple[dict[str, Any] | None, str]:
+    """Run the tool; return its result, or why there is none."""
+    shutil.rmtree(out, ignore_errors=True)
+    call = [sys.executable, "-c", COMMAND, "discover", str(study), "--out", str(out)]
+    try:
+        done = subprocess.run(
+            call, capture_output=True, text=True, timeout=timeout, env=environment(), cwd=study.parent
+        )
+    except subprocess.TimeoutExpired:
+        return None, f"no result after {timeout:g} s"
+    if done.returncode != 0:
+        return None, f"exit code {done.returncode}: {(done.stderr or done.stdout).strip()[-500:]}"
+    result = json.loads((out / "result.json").read_text())
+    return {name: result[name] for name in ("verdict", "baseline", "steps", "final", "seconds")}, ""
+
+
+def one(data: DataSet, home: Path, known: frozenset[str], package: str, timeout: float) -> tuple[dict[str, Any], bool]:
+    """Return the record of a data set, from the store or by running the tool, and whether it was run."""
+    folder = home / "data" / data.key.name
+    shutil.rmtree(folder, ignore_errors=True)
+    study = write(data, folder, home / "truth", known)
+    data_hash = store.content(folder)
+    path = store.path_of(home, package, data_hash)
+    if path.exists():
+        return json.loads(path.read_text()), False
+    begin = time.monotonic()
+    result, failure = discover(study, home / "out" / data.key.name, timeout)
+    head, is_clean = store.commit()
+    record = {
+        "name": data.key.name,
+        "package": package,
+        "data": data_hash,
+        "commit": head if is_clean else f"{head} with changes",
+        "seconds": round(time.monotonic() - begin, 1),
+        "failure": failure,
+        "truth": data.truth,
+        "result": result,
+    }
+    store.save(path, record)
+    return record, True
+
+
+def said(record: dict[str, Any]) -> str:
+    """Return one line on a record."""
+    if record["result"] is None:
+        return f"{record['name']}: {record['failure']}"
+    found = score(record["result"], record["truth"])
+    steps = ", ".join(f"{s['effect']}@{s['at']}" for s in record["result"]["steps"]) or "nothing"
+    mark = "right" if found.is_exact else "WRONG"
+    return f"{record['name']}: {mark}: {steps}; {found.verdict}; {record['seconds']} s"
+
+
+def batches(keys: list[Key]) -> Iterator[list[Key]]:
+    """Yield keys that are simulated together."""
+    by_laws: dict[tuple[Any, ...], list[Key]] = {}
+    for key in keys:
+        by_laws.setdefault((key.rig, key.regime, key.effects, key.exclude), []).append(key)
+    yield from by_laws.values()
+
+
+def arguments(argv: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--regime", choices=get_args(Regime), action="append", help="may be repeated; all if absent")
+    parser.add_argument("--rig", choices=list(RIGS), action="append", help="may be repeated; all if absent")
+    parser.add_argument("--kind", choices=KINDS, action="append", help="may be repeated; `single` if absent")
+    parser.add_argument("--seeds", default="0-4", help="as 0-4 or 0,3,7-9")
+    parser.add_argument("--effect", action="append", help="only data sets with this effect; may be repeated")
+    parser.add_argument("--limit-minutes", type=float, default=float("inf"), help="begin nothing after this time")
+    parser.add_argument("--timeout", type=float, default=600.0, help="seconds for one data set")
+    parser.add_argument("--store", type=Path, default=store.STORE, help="folder of data and results")
+    parser.add_argument("--report", action="store_true", help=f"run seeds from {REPORTED_FROM} on, once")
+    return parser.parse_args(argv)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run what the command line asks for; return the exit code."""
+    options = arguments(argv)
+    try:
+        seeds = seeds_of(options.seeds, options.report)
+    except ValueError as error:
+        print(error, file=sys.stderr)
+        return 2
+    if options.report and not store.commit()[1]:
+        print("Package, models or test bed differ from the commit; commit them before a reported run.", file=sys.stderr)
+        return 2
+    keys = [
+        key
+        for kind in options.kind or ["single"]
+        for rig in options.rig or RIGS
+        for regime in options.regime or get_args(Regime)
+        for seed in seeds
+        for key in cases(kind, rig, regime, seed)
+        if not options.effect or any(effect in options.effect for effect, _ in key.effects)
+    ]
+    n_run, end = work(keys, options, time.monotonic() + 60 * options.limit_minutes)
+    print(f"{n_run} data sets were run now{end}; `python tests/blind/table.py` makes the table.")
+    return 0
+
+
+def work(keys: list[Key], options: argparse.Namespace, deadline: float) -> tuple[int, str]:
+    """Run data sets until the deadline; return how many were run, and why it ended early."""
+    package, known, n_run = store.package(), known_effects(), 0
+    for batch in batches(keys):
+        if time.monotonic() > deadline:
+            return n_run, ", then the time was up"
+        for data in generate(batch):
+            if not isinstance(data, DataSet):
+                print(f"not shown: {data}", flush=True)
+                continue
+            if time.monotonic() > deadline:
+                return n_run, ", then the time was up"
+            record, is_new = one(data, options.store, known, package, options.timeout)
+            n_run += is_new
+            print(said(record), flush=True)
+    return n_run, ""
+
+
+if __name__ == "__main__":
+    sys.exit(main())

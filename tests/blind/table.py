@@ -1,0 +1,132 @@
+"""Make the table of the blind test bed: ``python tests/blind/table.py [--tuning] [--detail]``.
+
+Each cell says how many data sets stand behind it; shares have 95 % intervals after Wilson. Without `--tuning` only
+reported seeds count.
+"""
+
+import argparse
+import sys
+from collections import Counter, defaultdict
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from blind import store
+from blind.cases import REPORTED_FROM
+from blind.scorer import Score, score, wilson
+
+Record = dict[str, Any]
+FAILED = Score(False, False, 0, 0, None, "failed", False, False)
+
+
+def scored(record: Record) -> Score:
+    return FAILED if record["result"] is None else score(record["result"], record["truth"])
+
+
+def share(hits: int, n: int) -> str:
+    low, high = wilson(hits, n)
+    return f"{hits}/{n} ({100 * low:.0f}–{100 * high:.0f} %)" if n else "0/0"
+
+
+def row(label: str, kind: str, found: list[tuple[Record, Score]]) -> str:
+    """Return a row: what counts as right depends on the kind of data set."""
+    scores, n = [s for _, s in found], len(found)
+    if kind == "none":
+        right = f"{share(sum(s.n_steps > 0 for s in scores), n)} got an addition"
+    elif kind == "open":
+        claims = sum(s.is_false_claim for s in scores)
+        right = f"{share(sum(s.is_flagged for s in scores), n)} flagged, {claims} false claims"
+    elif kind == "single":
+        right = f"{share(sum(s.is_first for s in scores), n)} first, {share(sum(s.is_exact for s in scores), n)} exact"
+    else:
+        right = f"{share(sum(s.is_exact for s in scores), n)} exact"
+    wrong = sum(s.n_wrong for s in scores) / max(n, 1)
+    gains = [s.recovered for s in scores if s.is_exact and s.recovered is not None]
+    error = f"{median(gains):.3f} / {min(gains):.3f} ({len(gains)})" if gains else "–"
+    verdicts = ", ".join(f"{name} {count}" for name, count in Counter(s.verdict for s in scores).most_common())
+    return f"| {label} | {right} | {wrong:.2f} | {error} | {verdicts} |"
+
+
+def sections(found: list[tuple[Record, Score]], detail: bool) -> list[str]:
+    """Return the tables by kind: one row a regime and rig, shapes apart, and with `detail` one an effect."""
+    head = [
+        "| data sets | right | wrong parts a set | error removed: median / worst (of) | verdicts |",
+        "|---|---|---|---|---|",
+    ]
+    lines: list[str] = []
+    by_kind: dict[str, list[tuple[Record, Score]]] = defaultdict(list)
+    for entry in found:
+        by_kind[entry[0]["truth"]["kind"]].append(entry)
+    for kind in sorted(by_kind):
+        lines += ["", f"### {kind}", "", *head]
+        rows: dict[str, list[tuple[Record, Score]]] = defaultdict(list)
+        for entry in by_kind[kind]:
+            for label in labels(entry[0]["truth"], kind, detail):
+                rows[label].append(entry)
+        lines += [row(label, kind, rows[label]) for label in sorted(rows)]
+    return lines
+
+
+def labels(truth: dict[str, Any], kind: str, detail: bool) -> list[str]:
+    regime, rig = truth["regime"], truth["rig"]
+    found = [f"{regime}: all", f"{regime}: {rig}"]
+    if kind == "single":
+        found.append(f"{regime}: shape {truth['effects'][0]['shape']}")
+    if detail and truth["effects"]:
+        hidden = " + ".join(f"`{h['effect']}` at `{h['at']}`" for h in truth["effects"])
+        found.append(f"{regime}: {rig}: {hidden}")
+    return found
+
+
+def origin(every: list[Record], chosen: list[Record]) -> list[str]:
+    """Say where the results come from, and whether reported seeds were run before."""
+    commits = Counter(record["commit"] for record in chosen)
+    listed = ", ".join(f"`{name}` ({count})" for name, count in commits.most_common())
+    lines = [f"{len(chosen)} data sets, run from the commits {listed}."]
+    earlier = {r["data"] for r in every if r["package"] != chosen[0]["package"]} & {r["data"] for r in chosen}
+    if earlier and chosen[0]["truth"]["seed"] >= REPORTED_FROM:
+        lines.append(f"{len(earlier)} of them had been run before with other sources: they are not blind any more.")
+    return lines
+
+
+def page(every: list[Record], package: str, *, tuning: bool, detail: bool) -> list[str]:
+    """Return the lines of the table for one state of the package.
+
+    Parameters
+    ----------
+    every
+        All records of the store.
+    package
+        Hash of the package whose results count.
+    tuning
+        Count the seeds for tuning, in place of the reported ones.
+    detail
+        Give a row to each effect and place.
+    """
+    chosen = [r for r in every if r["package"] == package and (r["truth"]["seed"] < REPORTED_FROM) == tuning]
+    what = "seeds for tuning" if tuning else "reported seeds"
+    if not chosen:
+        return [f"No data set of the {what} has been run with these sources (package {package})."]
+    lines = [f"Blind data sets, {what}, package {package}.", "", *origin(every, chosen)]
+    failed = Counter(r["failure"][:80] for r in chosen if r["result"] is None)
+    lines += [f"Failed: {count} with `{reason}`" for reason, count in failed.most_common()]
+    return lines + sections([(r, scored(r)) for r in chosen], detail)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--tuning", action="store_true", help="the seeds for tuning in place of the reported ones")
+    parser.add_argument("--detail", action="store_true", help="a row for each effect and place")
+    parser.add_argument("--store", type=Path, default=store.STORE)
+    parser.add_argument("--package", default=None, help="hash of the package; that of the checkout if absent")
+    options = parser.parse_args(argv)
+    package = options.package or store.package()
+    print("\n".join(page(list(store.records(options.store)), package, tuning=options.tuning, detail=options.detail)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
