@@ -136,24 +136,48 @@ def estimate(
     solution = np.asarray(result["x"]).ravel()
     if not np.all(np.isfinite(solution)):
         raise SolverError(f"The fit of {problem.system.name} gave no finite parameters ({stats['return_status']}).")
-    return _outcome(problem, solution, w, data, weights_sd, stats)
+    values = solution[: len(everything)]
+    nodes = solution[len(everything) :].reshape(layout.n_state, -1, order="F")
+    message = str(stats["return_status"])
+    success = message in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+    if not success:  # the segments of an unfinished solution do not join
+        nodes = run_through(problem, values, w, data)[1][:, :: layout.length]
+    iterations = int(stats["iter_count"])
+    return fit_at(problem, values, nodes, w, data, weights_sd, success=success, message=message, iterations=iterations)
 
 
-def _outcome(
+def fit_at(
     problem: Problem,
-    solution: np.ndarray,
+    values: np.ndarray,
+    nodes: np.ndarray,
     w: np.ndarray,
     data: np.ndarray,
     weights_sd: np.ndarray,
-    stats: dict,
+    *,
+    success: bool,
+    message: str,
+    iterations: int,
 ) -> Fit:
-    layout, everything = problem.layout, problem.variables
-    values = solution[: len(everything)]
-    nodes = solution[len(everything) :].reshape(layout.n_state, -1, order="F")
-    status_text = str(stats["return_status"])
-    success = status_text in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
-    if not success:  # the segments of an unfinished solution do not join
-        nodes = run_through(problem, values, w, data)[1][:, :: layout.length]
+    """Return what a solution of a problem says.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    values
+        Scaled variables (n_all,).
+    nodes
+        Start of each segment (n_state, n_segments).
+    w
+        Bandwidth of the output injection of each output [rad/s].
+    data
+        The samples, see `stack_data`.
+    weights_sd
+        Noise of each output used as weight (n_y,).
+    success, message, iterations
+        How the solver ended.
+    """
+    layout = problem.layout
     _, states = run_from(problem, values, nodes, w, data)
     found = sensitivities(problem, values, nodes, w, data)
     is_measured = data[-len(problem.outputs) :].T > 0
@@ -182,8 +206,8 @@ def _outcome(
         runs=runs,
         bandwidth=w,
         success=success,
-        message=status_text,
-        iterations=int(stats["iter_count"]),
+        message=message,
+        iterations=iterations,
     )
 
 

@@ -63,6 +63,7 @@ LAYERS = """
     directions residual_noise
     uncertainty
     identify
+    descent
     assess
     effects
     discover

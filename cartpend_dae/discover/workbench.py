@@ -7,8 +7,10 @@ import numpy as np
 
 from cartpend_dae.assemble import assemble
 from cartpend_dae.data import Experiment
+from cartpend_dae.descent import descend
 from cartpend_dae.discover.records import Setup
 from cartpend_dae.effects import Insertion, insert_all
+from cartpend_dae.errors import SolverError
 from cartpend_dae.identify import Fit, estimate
 from cartpend_dae.language import Component
 from cartpend_dae.problem import Problem, dominant_frequency, free_parameter, make_problem
@@ -108,7 +110,7 @@ class Workbench:
         point = dict(guess)
         fit: Fit | None = None
         for bandwidth in bandwidths:
-            fit = estimate(problem, bandwidth=bandwidth, guess=point, sd=sd)
+            fit = _solved(problem, bandwidth, point, sd)
             self.report(f"fit at {bandwidth:.3g} rad/s", label, float(np.sqrt(fit.chi2 / fit.n_residuals)))
             point = fit.point
         assert fit is not None
@@ -128,6 +130,19 @@ class Workbench:
     def frequency(self) -> float:
         """Dominant angular frequency of the measured motion [rad/s]."""
         return dominant_frequency(self.setup.train)
+
+
+def _solved(problem: Problem, bandwidth: float, guess: Mapping[str, float], sd: np.ndarray) -> Fit:
+    """Fit by single shooting, and where that does not end well by multiple shooting."""
+    if np.isfinite(problem.huber):
+        return estimate(problem, bandwidth=bandwidth, guess=guess, sd=sd)
+    try:
+        fit = descend(problem, bandwidth=bandwidth, guess=guess, sd=sd)
+        if fit.success:
+            return fit
+    except SolverError:
+        pass
+    return estimate(problem, bandwidth=bandwidth, guess=guess, sd=sd)
 
 
 def _finite(bound: float) -> float | None:
