@@ -1,6 +1,7 @@
 """Estimation by single shooting: fast from a good start where the motion is stable, as under output injection."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -75,7 +76,8 @@ def descend(
     if begin.size == 0:
         values, success, message, steps = begin, True, "nothing is free", 0
     else:
-        found = least_squares(
+        solve: Callable[..., Any] = least_squares
+        found = solve(
             residuals,
             begin,
             jac=slopes,

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from cartpend_dae.discover.records import Candidate
-from cartpend_dae.discover.sweep import Sweep, sweep
+from cartpend_dae.discover.sweep import Sweep, one_by_one, sweep
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place, fits
 from cartpend_dae.errors import ModelError, SolverError
@@ -86,7 +86,7 @@ def _screened(
     bandwidth: float,
     sd: np.ndarray,
 ) -> list[Candidate]:
-    """Judge a batch together, or in halves where something in it cannot be simulated."""
+    """Judge a batch together; those too fast for that alone, and halves where something cannot be simulated."""
     try:
         found = sweep(bench, taken, batch, point, bandwidth, sd)
     except (SolverError, ModelError) as error:
@@ -95,6 +95,26 @@ def _screened(
         half = len(batch) // 2
         parts = batch[:half], batch[half:]
         return [c for part in parts for c in _screened(bench, taken, point, part, bandwidth, sd)]
+    smooth = tuple(option for option in batch if all(name in found.sizes for name in option.size_names))
+    alone = [_alone(bench, taken, o, point, bandwidth, sd) for o in batch if o not in smooth]
+    return _predictions(smooth, found) + alone
+
+
+def _alone(
+    bench: Workbench,
+    taken: tuple[Insertion, ...],
+    option: Insertion,
+    point: Mapping[str, float],
+    bandwidth: float,
+    sd: np.ndarray,
+) -> Candidate:
+    try:
+        return _predictions((option,), one_by_one(bench, taken, option, point, bandwidth, sd))[0]
+    except (SolverError, ModelError) as error:
+        return Candidate(option, option.starts, 0.0, 0.0, 0.0, None, f"it cannot be tried: {error}")
+
+
+def _predictions(batch: tuple[Insertion, ...], found: Sweep) -> list[Candidate]:
     basis = _basis(found.base)
     left = found.residual - basis @ (basis.T @ found.residual)
     return [_predict(insertion, found, basis, left) for insertion in batch]

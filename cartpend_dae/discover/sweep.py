@@ -20,14 +20,20 @@ from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Insertion, insert_all
 from cartpend_dae.errors import SolverError
 from cartpend_dae.problem import Problem
-from cartpend_dae.shooting import carried_on, run_through, scaled_values, start_slopes
+from cartpend_dae.shooting import carried_on, run_through, scaled_values, sensitivities, start_slopes
 from cartpend_dae.system import Frictions, System
 from cartpend_dae.transcribe import sample_step, stack_data
+
+# share of itself by which df/ds may change between two samples for the mean of both ends to be good
+ROUGH = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """Weighted residuals (n,), their derivatives in what is fitted already (n, n_base), and in each size (n,)."""
+    """Weighted residuals (n,), their derivatives in what is fitted already (n, n_base), and in each size (n,).
+
+    Sizes of effects that change too much between samples to be followed so are missing.
+    """
 
     residual: np.ndarray
     base: np.ndarray
@@ -72,13 +78,25 @@ def sweep(
     w = np.full(len(problem.outputs), float(bandwidth))
     data = stack_data(problem.layout, problem.experiments, 1.0 / sd)
     residual, states = run_through(problem, values, w, data)
-    if not (np.all(np.isfinite(states)) and np.all(np.isfinite(residual))):
-        raise SolverError("The model with all effects of the catalogue in it diverges.")
     inside = _inside(system, options)
+    own = [i for i in range(states.shape[0]) if i not in inside]
+    if not (np.all(np.isfinite(states[own])) and np.all(np.isfinite(residual))):
+        raise SolverError("The model with all effects of the catalogue in it diverges.")
     local = _local(problem, system, inside, values, w, data, states)
     names = tuple(name for insertion in options for name in insertion.size_names)
     growth = _growth(problem, system, inside, names, values, data, states)
-    return _gathered(problem, values, local, growth, residual, inside, names, data)
+    found = _gathered(problem, values, local, growth, residual, inside, names, data)
+    smooth = [name for name, is_rough in zip(names, _roughness(growth) > ROUGH, strict=True) if not is_rough]
+    return Sweep(found.residual, found.base, {name: found.sizes[name] for name in smooth})
+
+
+def _roughness(growth: "_Growth") -> np.ndarray:
+    """Return by how much df/ds changes between samples, relative to itself, for each size; infinite if it is lost."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        change = np.sqrt(np.mean((growth.right - growth.left) ** 2, axis=0))
+        whole = np.sqrt(np.mean(growth.left**2, axis=0))
+        ratio = np.where(whole > 0, change / np.maximum(whole, 1e-300), 0.0).max(axis=0)
+    return np.where(np.isfinite(ratio), ratio, np.inf)
 
 
 def _sliding(system: System, options: tuple[Insertion, ...]) -> System:
@@ -113,6 +131,38 @@ def _sliding(system: System, options: tuple[Insertion, ...]) -> System:
         invariants=invariants,
         frictions=kept,
     )
+
+
+def one_by_one(
+    bench: Workbench,
+    taken: tuple[Insertion, ...],
+    option: Insertion,
+    point: Mapping[str, float],
+    bandwidth: float,
+    sd: np.ndarray,
+) -> Sweep:
+    """Linearise the model with a single effect; arguments and result are those of `sweep`.
+
+    Raises
+    ------
+    SolverError
+        If the simulation diverges.
+    """
+    problem = bench.build((*taken, option), bench.setup.train, {})
+    values = scaled_values(problem, point)
+    w = np.full(len(problem.outputs), float(bandwidth))
+    data = stack_data(problem.layout, problem.experiments, 1.0 / sd)
+    nodes = run_through(problem, values, w, data)[1][:, :: problem.layout.length]
+    found = sensitivities(problem, values, nodes, w, data)
+    measured = data[-len(problem.outputs) :].T.ravel() > 0
+    flat = found.slopes.reshape(-1, values.size)[measured]
+    if not np.all(np.isfinite(flat)):
+        raise SolverError(f"the model with `{option.prefix}` diverges")
+    names = [item.name for item in problem.variables]
+    own = {name: names.index(name) for name in option.parameter_names}
+    kept = [i for i in range(len(names)) if i not in own.values()]
+    sizes = {name: flat[:, own[name]] / problem.variables[own[name]].scale for name in option.size_names}
+    return Sweep(found.residuals.ravel()[measured], flat[:, kept], sizes)
 
 
 def _sliding_force(f: Frictions) -> ca.SX:
