@@ -44,8 +44,12 @@ LAYERS = """
     initialize
     start_report
     study_schema
+    columns
+    text_tables matlab_tables
     tables
     data
+    recording
+    pieces
     study
     linear_model stepping inputs integration
     operating_point breakdown
