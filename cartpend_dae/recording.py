@@ -4,6 +4,7 @@ A file that does not hold what the study says is refused with a sentence that na
 the row (counted from 0, as `rows` of the study counts them).
 """
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -11,7 +12,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from cartpend_dae import units as si
@@ -263,7 +263,7 @@ class _Reader:
         if not wrong:
             return
         text, row = str(column[wrong[0]]), wrong[0] + self.source.first_row
-        is_date = pd.notna(pd.to_datetime(text, errors="coerce", format="ISO8601")) if text[:1].isdigit() else False
+        is_date = re.match(r"\d{4}-\d\d-\d\d|\d\d?[./]\d\d?[./]\d{2}|\d\d?:\d\d", text) is not None
         cure = "write the time in seconds" if is_date else "leave cells empty where nothing was measured"
         note = f"; {table.note}" if table.note else ""
         raise self.refuse(

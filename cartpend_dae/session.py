@@ -27,8 +27,10 @@ from cartpend_dae.identify import Fit
 from cartpend_dae.language import Component
 from cartpend_dae.pieces import load_experiments
 from cartpend_dae.problem import make_problem
+from cartpend_dae.recording import at
 from cartpend_dae.study import FreeParameter, Study, load_model, load_study, parameter_in_si
 from cartpend_dae.system import Parameter, System
+from cartpend_dae.weak import too_slow
 
 Report = Callable[[str, str, float], None]
 
@@ -208,7 +210,9 @@ def _runs(study: Study, system: System) -> tuple[list[Experiment], list[str]]:
             continue
         try:
             for run in pieces:
-                _ = make_problem(system, (), (run,), step=study.identify.step).starts
+                problem = make_problem(system, (), (run,), step=study.identify.step)
+                if wrong := too_slow(problem):
+                    findings.append(f"{at(run.name, spec.file)} {wrong}")
         except ModelError as error:
             findings.append(f"{study.path}: experiment `{spec.name}`: {error}")
             continue

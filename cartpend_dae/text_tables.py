@@ -271,9 +271,8 @@ def _checked(lines: Iterator[str], delimiter: str, n: int) -> Iterator[str]:
         is_plain = delimiter != " " and '"' not in line
         found = line.count(delimiter) + 1 if is_plain else len(_cells(line, delimiter))
         if found != n:
-            raise StudyError(
-                f"row {row} has {found} cells, the first row {n}: {line[:60]!r}; mend the row or leave it out."
-            )
+            cure = "or leave out the lines before the header by `format.skip_rows`" if row < 5 else "or leave it out"
+            raise StudyError(f"row {row} has {found} cells, the first row {n}: {line[:60]!r}; mend the row {cure}.")
         yield line
 
 
@@ -331,7 +330,7 @@ def _dialect(sample: list[str], format: FormatSpec) -> Dialect:
     mark between thousands is assumed only where the cells are no numbers without it, as `1.234,5` is none.
     """
     best, choice = (-1.0, 0), Dialect(format.delimiter or ",", format.decimal or ".", format.thousands)
-    for dialect in _candidates(format):
+    for dialect in _candidates(format, is_quoted=any('"' in line for line in sample)):
         rows = [_cells(line, dialect.delimiter) for line in sample]
         if not rows:
             continue
@@ -344,12 +343,15 @@ def _dialect(sample: list[str], format: FormatSpec) -> Dialect:
     return choice
 
 
-def _candidates(format: FormatSpec) -> Iterator[Dialect]:
-    """All dialects that the study leaves open, the plainest first: a later one must do better."""
+def _candidates(format: FormatSpec, *, is_quoted: bool) -> Iterator[Dialect]:
+    """All dialects that the study leaves open, the plainest first: a later one must do better.
+
+    The delimiter can stand between thousands only inside quotes.
+    """
     for thousands in (format.thousands,) if format.thousands else (None, ",", ".", "'", " "):
         for delimiter in (format.delimiter,) if format.delimiter else (",", ";", "\t", "|", " "):
             for decimal in (format.decimal,) if format.decimal else (".", ","):
-                if len({thousands, delimiter, decimal}) == 3:
+                if decimal not in (delimiter, thousands) and (thousands != delimiter or is_quoted):
                     yield Dialect(delimiter, decimal, thousands)
 
 

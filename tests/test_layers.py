@@ -49,7 +49,7 @@ LAYERS = """
     tables
     data
     recording
-    pieces
+    pieces figures
     study
     linear_model stepping inputs integration
     operating_point breakdown
@@ -61,11 +61,13 @@ LAYERS = """
     programme
     problem
     shooting
+    weak
     identify
     assess
     effects
     discover
     session
+    data_report
     report.text
     plots animate
     report
