@@ -61,12 +61,17 @@ def noise_sd(values: FloatArray) -> float:
     """Estimate the white noise of a smooth signal: median of its 6th differences, at least quantum/sqrt(12).
 
     The 6th difference of white noise has the variance C(12, 6) sd^2, and that of a well sampled signal is
-    small. NaN are skipped. With fewer than seven values there is no such difference, and the result is NaN.
+    small. NaN are skipped: differences across them count only where there are no seven values in even steps. With
+    fewer than seven values there is no difference, and the result is NaN.
     """
-    known = values[np.isfinite(values)]
+    rows = np.flatnonzero(np.isfinite(values))
+    known = values[rows]
     if len(known) < 7:
         return math.nan
-    noise = np.median(np.abs(np.diff(known, n=6))) / 0.6745 / math.sqrt(math.comb(12, 6))
+    steps = np.lib.stride_tricks.sliding_window_view(np.diff(rows), 6)
+    is_even = (steps == steps[:, :1]).all(axis=1)
+    differences = np.diff(known, n=6)[is_even if is_even.any() else slice(None)]
+    noise = np.median(np.abs(differences)) / 0.6745 / math.sqrt(math.comb(12, 6))
     return float(max(noise, quantum(known) / math.sqrt(12)))
 
 

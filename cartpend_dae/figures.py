@@ -61,7 +61,7 @@ def channel_figures(signal: Signal, time: FloatArray) -> ChannelFigures:
     inside = (signal.time >= time[0]) & (signal.time <= time[-1])
     known = inside & np.isfinite(signal.values)
     stamps, values = signal.time[known], signal.values[known]
-    noise = _noise(signal, values)
+    noise = _noise(signal, signal.values[inside])
     power = spectrum(stamps, values)
     rate, width = rate_of_change(stamps, values, noise)
     floor = STILL * _rms(rate)
@@ -88,7 +88,8 @@ def channel_figures(signal: Signal, time: FloatArray) -> ChannelFigures:
 
 def _noise(signal: Signal, values: FloatArray) -> float:
     """Return the noise floor; what is commanded and jumps from level to level has none."""
-    if signal.hold == "zoh" and len(np.unique(values)) < len(values) / 2 and not signal.quantum:
+    levels = np.unique(values[np.isfinite(values)])
+    if signal.hold == "zoh" and len(levels) < len(values) / 2 and not signal.quantum:
         return 0.0
     return noise_sd(values)
 

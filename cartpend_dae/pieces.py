@@ -20,9 +20,9 @@ from cartpend_dae.errors import StudyError
 from cartpend_dae.recording import MIN_SAMPLES, Signal, at, read_signals
 from cartpend_dae.study_schema import ExperimentSpec
 
-GAP = 10.0
+GAP = 20.0
 """Steps of the usual length (their median) that may pass without a sample. Of stamps at random instants (a Poisson
-process) one step in 1,024 is longer than ten medians."""
+process) one step in a million is longer than 20 medians."""
 COARSE = 2.5
 """Usual steps that one step of the grid may last; longer ones are filled."""
 SAME = 1e-6

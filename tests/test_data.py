@@ -351,6 +351,14 @@ def test_noise_skips_gaps_and_needs_seven_values():
     assert math.isnan(noise_sd(np.array([1.0, np.nan, 2.0])))
 
 
+def test_gaps_do_not_make_noise_of_a_fast_signal():
+    time = np.arange(3000) * 0.01
+    values = np.sin(20 * time) + 1e-3 * np.random.default_rng(2).normal(size=3000)
+    values[::10] = np.nan
+    # 0.1: the scatter of one estimate from the third of the samples that stand in even steps.
+    assert noise_sd(values) == pytest.approx(1e-3, rel=0.1)
+
+
 @given(
     step=st.sampled_from([1e-6, 2.9e-3, 0.1, math.pi / 180, 7.0]),
     offset=st.floats(-10, 10),
