@@ -14,6 +14,8 @@ from cartpend_dae.recording import Signal
 
 STILL = 0.05
 """Share of its rms below which a speed counts as zero."""
+LEVELS = 20
+"""Values between which an input that is held may jump for it to be a command, which has no noise."""
 LIKE = 0.7
 """Least correlation of two channels whose delay is given."""
 
@@ -89,7 +91,7 @@ def channel_figures(signal: Signal, time: FloatArray) -> ChannelFigures:
 def _noise(signal: Signal, values: FloatArray) -> float:
     """Return the noise floor; what is commanded and jumps from level to level has none."""
     levels = np.unique(values[np.isfinite(values)])
-    if signal.hold == "zoh" and len(levels) < len(values) / 2 and not signal.quantum:
+    if signal.hold == "zoh" and len(levels) <= LEVELS:
         return 0.0
     return noise_sd(values)
 
@@ -220,55 +222,61 @@ def _peak(a: FloatArray, b: FloatArray) -> tuple[float, float] | None:
 
 
 def onset(source: Signal, signal: Signal, time: FloatArray) -> Delay | None:
-    """Find when an output first answers the steps of an input, from the shape c (t - t0)^n of its beginning.
+    """Find when an output first answers the steps of an input, from the shape of the beginning of its answer.
 
-    Counted are steps of more than a fifth of the range after ten samples at one level, at which the output keeps
-    its slope. n = 1, 2, 3 (a current, a speed, a position under inductance) is chosen by the fit; a dead band or a
-    friction that sticks delays the answer too.
+    Counted are steps of more than a fifth of the range after ten samples at one level, at which the output has been
+    on a straight line for as long as its answer is looked at. A dead band or a friction that sticks delays it too.
     """
     inside = np.isfinite(source.values) & (source.time >= time[0]) & (source.time <= time[-1])
     stamps, values = source.time[inside], source.values[inside]
-    jumps = np.diff(values)
-    span = values.max() - values.min()
+    span = float(np.ptp(values))
     found = []
-    for k in np.flatnonzero(np.abs(jumps) > max(0.2 * span, 1e-300)):
+    for k in np.flatnonzero(np.abs(np.diff(values)) > max(0.2 * span, 1e-300)):
         if k >= 10 and np.ptp(values[k - 10 : k + 1]) < 0.01 * span:
+            level = np.flatnonzero(np.abs(values - values[k]) > 0.05 * span)
+            begin = stamps[max((j + 1 for j in level if j < k), default=0)]
             later = np.flatnonzero(np.abs(values[k + 1 :] - values[k + 1]) > 0.05 * span)
             end = stamps[k + 1 + later[0]] if later.size else stamps[-1]
-            found.append(_onset_after(signal, float(stamps[k - 10]), float(stamps[k + 1]), float(end)))
-    seen = [delay for delay in found if delay is not None]
-    if not seen:
+            found.append(_onset_after(signal, float(begin), float(stamps[k + 1]), float(end)))
+    seen = np.array([delay for delay in found if delay is not None])
+    if not seen.size:
         return None
-    spread = float(1.4826 * np.median(np.abs(np.array(seen) - np.median(seen)))) if len(seen) > 1 else math.nan
-    plural = "s" if len(seen) > 1 else ""
-    return Delay(
-        source.variable, signal.variable, float(np.median(seen)), spread, f"onset after {len(seen)} step{plural}"
-    )
+    spread = float(1.4826 * np.median(np.abs(seen - np.median(seen)))) if seen.size > 1 else math.nan
+    how = f"onset after {seen.size} step{'s' if seen.size > 1 else ''}"
+    return Delay(source.variable, signal.variable, float(np.median(seen)), spread, how)
 
 
-def _onset_after(signal: Signal, quiet: float, step: float, end: float) -> float | None:
+def _onset_after(signal: Signal, begin: float, step: float, end: float) -> float | None:
+    """Find the delay of the answer to one step [s]; None if the output was not on a line before it."""
     known = np.isfinite(signal.values)
     stamps, values = signal.time[known], signal.values[known]
-    before = (stamps >= quiet) & (stamps < step)
-    after = (stamps >= step) & (stamps < end)
-    if np.count_nonzero(before) < 5 or np.count_nonzero(after) < 8:
-        return None
-    line = np.polyfit(stamps[before] - step, values[before], 1)
-    rest = values - np.polyval(line, stamps - step)
-    noise = max(float(np.std(rest[before])) * 1.3, signal.quantum / 2, 1e-6 * float(np.ptp(values)))
-    t, y = stamps[after] - step, rest[after]
-    clear = np.flatnonzero(np.abs(y) > 20 * noise)
-    if not clear.size:
-        return None
-    first = int(clear[0])
-    last = min(len(t), max(first + 3, 2 * first + 1, 8))
-    t, y = t[:last], y[:last]
-    best = (math.inf, math.nan)
-    for t0 in np.linspace(0.0, t[min(first, last - 1)], 201):
-        for n in (1, 2, 3):
-            shape = np.clip(t - t0, 0, None) ** n
-            if not (size := float(shape @ shape)) > 0:
-                continue
-            misfit = float(np.sum((y - shape * float(shape @ y) / size) ** 2))
-            best = min(best, (misfit, float(t0)))
-    return best[1] if math.isfinite(best[0]) else None
+    before, after = (stamps >= begin) & (stamps < step), (stamps >= step) & (stamps < end)
+    noise = max(noise_sd(values), signal.quantum / 2, 1e-9 * float(np.ptp(values)))
+    n = 8
+    while True:
+        if min(np.count_nonzero(before), np.count_nonzero(after)) < n:
+            return None
+        t_before, t = stamps[before][-n:] - step, stamps[after][:n] - step
+        line = np.polyfit(t_before, values[before][-n:], 1)
+        if float(np.std(values[before][-n:] - np.polyval(line, t_before))) > 3 * noise:
+            return None
+        answer = values[after][:n] - np.polyval(line, t)
+        if np.count_nonzero(np.abs(answer) > 20 * noise) >= n // 2:
+            return _beginning(t, answer)
+        n += max(1, n // 4)
+
+
+def _beginning(t: FloatArray, answer: FloatArray) -> float:
+    """Fit a (t - t0)^n + b (t - t0)^(n + 1), zero before t0, and return t0.
+
+    n = 0, 1, 2, 3 is a jump, a current behind an inductance, a speed, a position.
+    """
+    best = (math.inf, 0.0)
+    for t0 in np.linspace(0.0, t[len(t) // 2], 101):
+        since = np.clip(t - t0, 0, None)
+        for n in (0, 1, 2, 3):
+            shape = np.column_stack([np.where(t >= t0, since**k, 0.0) for k in (n, n + 1)])
+            size = np.linalg.norm(shape, axis=0) + 1e-300
+            weights = np.linalg.lstsq(shape / size, answer, rcond=None)[0]
+            best = min(best, (float(np.sum((answer - shape / size @ weights) ** 2)), float(t0)))
+    return best[1]

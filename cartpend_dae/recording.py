@@ -80,7 +80,6 @@ def read_signals(spec: ExperimentSpec, units: Mapping[str, str]) -> tuple[Signal
     groups: dict[Source, dict[str, ChannelSpec]] = {}
     for variable, entry in (*spec.inputs.items(), *spec.outputs.items()):
         groups.setdefault(_source(spec, entry), {})[variable] = entry
-    groups.setdefault(Source(spec.file, spec.time, spec.format, spec.rows), {})
     found = {
         signal.variable: signal
         for source, entries in groups.items()
@@ -131,6 +130,8 @@ class _Reader:
         table = self.table(entries.values())
         time = self.time(table)
         self.check_increasing(time)
+        if len(time) < MIN_SAMPLES:
+            raise self.refuse(f"{len(time)} samples are too few; at least {MIN_SAMPLES} are needed; take more `rows`.")
         return [self.signal(variable, entry, table, time, units[variable]) for variable, entry in entries.items()]
 
     def table(self, entries: Iterable[ChannelSpec]) -> Table:
@@ -211,7 +212,7 @@ class _Reader:
         given = self.unit(entry, table, unit)
         raw = self.numbers(table.columns[entry.column], entry.column, table)
         known = np.isfinite(raw)
-        if np.count_nonzero(known) < MIN_SAMPLES <= len(raw):
+        if np.count_nonzero(known) < MIN_SAMPLES:
             kind = "input" if isinstance(entry, InputSpec) else "output"
             raise self.refuse(
                 f"the {kind} column `{entry.column}` has {np.count_nonzero(known)} finite values; "

@@ -6,6 +6,7 @@ p_i exp(v_i t) the outputs show t with the standard deviation 1/sqrt(f); white n
 than 1, parameters may be wrong by a factor of e, and the data do not identify the direction.
 """
 
+import re
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -15,6 +16,7 @@ import numpy as np
 from cartpend_dae.dae import parameter_vector
 from cartpend_dae.problem import Problem, dominant_frequency
 from cartpend_dae.shooting import linearised
+from cartpend_dae.transcribe import Free
 
 UNSEEN = 1.0
 """Standard deviation of a logarithm from which on a direction counts as not identified."""
@@ -37,7 +39,12 @@ class WeakDirections:
         names = _listing(self.parameters)
         if not self.combinations:
             return f"{names} {'is' if len(self.parameters) == 1 else 'are'} not identified: no output shows a change."
-        return f"{names} are not identified one by one: only {_listing(self.combinations)}."
+        near = (
+            " near the guesses"
+            if any("." in part for part in re.findall(r"\^([\d.]+)", str(self.combinations)))
+            else ""
+        )
+        return f"{names} are not identified one by one: only {_listing(self.combinations)}{near}."
 
 
 def weak_directions(problem: Problem) -> tuple[WeakDirections, ...]:
@@ -61,7 +68,9 @@ def weak_directions(problem: Problem) -> tuple[WeakDirections, ...]:
     if not rows:
         return ()
     reduced, pivots = _reduced(np.array(rows))
-    return tuple(_group(names, reduced, pivots, members, information) for members in _connected(np.abs(reduced) > 1e-3))
+    return tuple(
+        _group(problem.free, reduced, pivots, members, information) for members in _connected(np.abs(reduced) > 1e-3)
+    )
 
 
 def log_information(problem: Problem) -> np.ndarray:
@@ -111,9 +120,9 @@ def _connected(touches: np.ndarray) -> list[list[int]]:
 
 
 def _group(
-    names: tuple[str, ...], reduced: np.ndarray, pivots: tuple[int, ...], members: list[int], information: np.ndarray
+    free: tuple[Free, ...], reduced: np.ndarray, pivots: tuple[int, ...], members: list[int], information: np.ndarray
 ) -> WeakDirections:
-    block = reduced[members]
+    names, block = [item.name for item in free], reduced[members]
     involved = np.flatnonzero((np.abs(block) > 1e-3).any(axis=0))
     own = [pivots[row] for row in members]
     combinations = tuple(
@@ -121,10 +130,17 @@ def _group(
         for i in involved
         if i not in own
     )
+    if len(members) == 1 and len(involved) == 2 and _is_sum(*(free[i] for i in involved), *block[0, involved]):
+        combinations = (" + ".join(names[i] for i in involved),)
     norm = block / np.linalg.norm(block, axis=1, keepdims=True)
     seen = float(np.einsum("ki,ij,kj->k", norm, information, norm).max())
     sd = 1 / np.sqrt(seen) if seen > BLIND * np.diag(information).max() else np.inf
     return WeakDirections(tuple(names[i] for i in involved), combinations, float(sd))
+
+
+def _is_sum(one: Free, other: Free, up: float, down: float) -> bool:
+    """Whether the direction adds to one parameter what it takes from another of the same unit."""
+    return one.unit == other.unit and abs(up * one.guess + down * other.guess) < 0.02 * abs(up * one.guess)
 
 
 def _monomial(factors: list[tuple[str, float]]) -> str:

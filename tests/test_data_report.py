@@ -106,16 +106,18 @@ class Pushed(Component):
     k: Param = param(unit="N", min=0, default=3.0)
     c: Param = param(unit="N/m", min=0, default=4.0)
 
+    extra: Param = param(unit="kg", min=0, default=0.7)
+
     def __post_init__(self) -> None:
         self.wall, self.spring = translational.Fixed(), translational.SpringDamper(c=self.c, d=self.d)
-        self.body, self.push = translational.Mass(m=self.m), translational.Force()
+        self.body, self.push = translational.Mass(m=self.m + self.extra), translational.Force()
 
     def equations(self) -> Statements:
         yield connect(self.wall.flange, self.spring.flange_a)
         yield connect(self.spring.flange_b, self.body.flange_a, self.push.flange)
 
 
-def pushed(free, *, force=True):
+def pushed(free, *, force=True, extra=0.7):
     """A problem whose input is known up to a gain when `force` is false: the free decay has none at all."""
     time = np.arange(400) / 50
     u = np.where(time % 2 < 1, 1.0, 0.0) if force else np.zeros(400)
@@ -130,7 +132,7 @@ def pushed(free, *, force=True):
         "free",
         None,
     )
-    model = Pushed()
+    model = Pushed(extra=extra)
     system = make_problem(model, (), (run,)).system
     return make_problem(model, tuple(free_parameter(system, name) for name in free), (run,))
 
@@ -140,7 +142,8 @@ def test_a_known_force_tells_all_apart():
 
 
 def test_without_a_force_only_ratios_are_known():
-    (found,) = weak_directions(pushed(["m", "d", "c"], force=False))
+    # the mass that is added would be known and give the scale
+    (found,) = weak_directions(pushed(["m", "d", "c"], force=False, extra=1e-12))
     assert set(found.parameters) == {"m", "d", "c"} and found.sd == np.inf
     assert set(found.combinations) in ({"m/c", "d/c"}, {"m/d", "c/d"}, {"d/m", "c/m"})
     assert str(found).startswith("`m`, `d`, `c` are not identified one by one: only `")
@@ -148,6 +151,11 @@ def test_without_a_force_only_ratios_are_known():
 
 def test_a_damping_that_is_known_gives_the_scale():
     assert weak_directions(pushed(["m", "c"], force=False)) == ()
+
+
+def test_of_two_masses_on_one_body_only_the_sum_is_known():
+    (found,) = weak_directions(pushed(["m", "extra", "c"]))
+    assert str(found) == "`m`, `extra` are not identified one by one: only `m + extra`."
 
 
 def test_a_parameter_without_effect_is_named():
