@@ -130,7 +130,7 @@ def _group(
         for i in involved
         if i not in own
     )
-    if len(members) == 1 and len(involved) == 2 and _is_sum(*(free[i] for i in involved), *block[0, involved]):
+    if len(members) == 1 and len(involved) == 2 and _is_sum([free[i] for i in involved], block[0, involved]):
         combinations = (" + ".join(names[i] for i in involved),)
     norm = block / np.linalg.norm(block, axis=1, keepdims=True)
     seen = float(np.einsum("ki,ij,kj->k", norm, information, norm).max())
@@ -138,8 +138,9 @@ def _group(
     return WeakDirections(tuple(names[i] for i in involved), combinations, float(sd))
 
 
-def _is_sum(one: Free, other: Free, up: float, down: float) -> bool:
+def _is_sum(pair: list[Free], direction: np.ndarray) -> bool:
     """Whether the direction adds to one parameter what it takes from another of the same unit."""
+    (one, other), (up, down) = pair, direction
     return one.unit == other.unit and abs(up * one.guess + down * other.guess) < 0.02 * abs(up * one.guess)
 
 
