@@ -7,11 +7,11 @@ import casadi as ca
 import numpy as np
 from scipy import signal as filters
 
+from cartpend_dae.cuts import shorter
 from cartpend_dae.dae import parameter_vector
 from cartpend_dae.data import Experiment, noise_sd
 from cartpend_dae.errors import ModelError
 from cartpend_dae.identify import Fit, estimate
-from cartpend_dae.pieces import shorter
 from cartpend_dae.problem import dominant_frequency, make_problem
 from cartpend_dae.shooting import predict
 from cartpend_dae.study_schema import ScoreSpec

@@ -1,4 +1,4 @@
-"""The command line: check, simulate, linearize, identify, discover, demo. It only reads, calls, prints and writes."""
+"""The command line: it only reads, calls, prints and writes."""
 
 import functools
 import math
@@ -20,10 +20,12 @@ from rich.text import Text
 from cartpend_dae.animate import animate
 from cartpend_dae.assemble import assemble
 from cartpend_dae.compiled import cache_folder, cached_libraries, clear_cache
+from cartpend_dae.data_report import describe_data
 from cartpend_dae.demo import make_demo
 from cartpend_dae.errors import CartpendError, StudyError
 from cartpend_dae.linearize import linearize as linearize_model
 from cartpend_dae.report import tables
+from cartpend_dae.report.data_tables import data_json, data_sentences, data_tables
 from cartpend_dae.report.files import check_folder, write_discovery, write_identification, write_simulation
 from cartpend_dae.report.result import identification_of, package_version
 from cartpend_dae.report.text import (
@@ -227,6 +229,20 @@ def linearize(
         friction=friction.value,
     )
     _console().print(str(linear if period is None else linear.discretize(period)), soft_wrap=True)
+
+
+@app.command()
+@_spoken
+def data(study: StudyFile, as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
+    """Show what was read of each run: rates, gaps, noise, excitation, delays, and what it cannot identify."""
+    report = describe_data(open_study(study))
+    if as_json:
+        print(data_json(report))
+        return
+    console = _console()
+    for table in data_tables(report):
+        console.print(table)
+    _say(console, *data_sentences(report))
 
 
 @app.command()

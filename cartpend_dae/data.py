@@ -1,8 +1,4 @@
-"""Measured runs in SI units as `Experiment`, what their noise is, and the `Trajectory` of a simulation.
-
-A file that does not hold what the study says is refused with a sentence that names the file, the column and
-the row (counted from 0, as `rows` of the study counts them).
-"""
+"""Measured runs in SI units as `Experiment`, what their noise is, and the `Trajectory` of a simulation."""
 
 import math
 import os
@@ -12,19 +8,13 @@ from difflib import get_close_matches
 from itertools import islice
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from cartpend_dae import units as si
-from cartpend_dae.errors import ModelError, StudyError
-from cartpend_dae.study_schema import ExperimentSpec, InputSpec, OutputSpec
-from cartpend_dae.tables import Table, read_table
-
 FloatArray = NDArray[np.float64]
-MIN_SAMPLES = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,10 +43,10 @@ class Start:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Experiment:
-    """One recorded run in SI; `time` (n,) [s] increases strictly and starts as it was recorded.
+    """One recorded run in SI, or a piece of one; `time` (n,) [s] increases strictly and starts as it was recorded.
 
-    A `steady` one starts at rest, apart from what `start` gives; one with `piece` [s] is fitted in
-    pieces of that length.
+    Rows in which no output is known need not have been recorded: they keep the steps of the integration short. A
+    `steady` run starts at rest, apart from what `start` gives; one with `piece` [s] is fitted in pieces of that length.
     """
 
     name: str
@@ -71,64 +61,21 @@ class Experiment:
     piece: float | None = None
 
 
-def load_experiment(spec: ExperimentSpec, units: Mapping[str, str]) -> Experiment:
-    """Read the run that `spec` describes.
-
-    Parameters
-    ----------
-    spec
-        One `[[experiment]]` of a study.
-    units
-        The SI unit of each variable of the model, by dotted name.
-
-    Raises
-    ------
-    StudyError
-        If the file or one of its columns is not what the study says.
-    """
-    for kind in ("inputs", "outputs", "start"):
-        for variable in getattr(spec, kind):
-            _check_unit(spec, kind, variable, units)
-    table = _used_columns(spec)
-    time = _time(spec, table)
-    low, high = spec.window or (-math.inf, math.inf)
-    kept = np.flatnonzero((time >= low) & (time <= high))
-    if spec.window and not len(kept) and len(time):
-        recorded = f"recorded from {time.min():g} s to {time.max():g} s"
-        raise StudyError(f"{_at(spec)} `window` = [{low:g}, {high:g}] s holds no sample; the run was {recorded}.")
-    if len(kept) < MIN_SAMPLES:
-        raise StudyError(f"{_at(spec)} {len(kept)} samples are too few; at least {MIN_SAMPLES} are needed.")
-    time = _frozen(time[kept])
-    _check_increasing(spec, time, kept)
-
-    def channel(variable: str, entry: InputSpec | OutputSpec) -> Channel:
-        return _channel(spec, table, kept, entry, units[variable])
-
-    start = {
-        variable: Start(
-            _si_or_none(entry.guess if entry.value is None else entry.value, entry.unit),
-            entry.is_free,
-            None if entry.sd is None else float(si.to_si(entry.sd, entry.unit or units[variable], difference=True)),
-        )
-        for variable, entry in spec.start.items()
-    }
-    inputs = {variable: channel(variable, entry) for variable, entry in spec.inputs.items()}
-    outputs = {variable: channel(variable, entry) for variable, entry in spec.outputs.items()}
-    return Experiment(
-        spec.name, spec.role, time, inputs, outputs, start, spec.score, spec.horizon, spec.steady, spec.piece
-    )
-
-
 def noise_sd(values: FloatArray) -> float:
     """Estimate the white noise of a smooth signal: median of its 6th differences, at least quantum/sqrt(12).
 
     The 6th difference of white noise has the variance C(12, 6) sd^2, and that of a well sampled signal is
-    small. NaN are skipped. With fewer than seven values there is no such difference, and the result is NaN.
+    small. NaN are skipped: differences across them count only where there are no seven values in even steps. With
+    fewer than seven values there is no difference, and the result is NaN.
     """
-    known = values[np.isfinite(values)]
+    rows = np.flatnonzero(np.isfinite(values))
+    known = values[rows]
     if len(known) < 7:
         return math.nan
-    noise = np.median(np.abs(np.diff(known, n=6))) / 0.6745 / math.sqrt(math.comb(12, 6))
+    steps = np.lib.stride_tricks.sliding_window_view(np.diff(rows), 6)
+    is_even = (steps == steps[:, :1]).all(axis=1)
+    differences = np.diff(known, n=6)[is_even if is_even.any() else slice(None)]
+    noise = np.median(np.abs(differences)) / 0.6745 / math.sqrt(math.comb(12, 6))
     return float(max(noise, quantum(known) / math.sqrt(12)))
 
 
@@ -195,7 +142,7 @@ class Trajectory:
         if name == "time":
             return self.time
         if name not in self.columns:
-            raise KeyError(f"The trajectory has no variable `{name}`; {_nearest(name, self.names)}")
+            raise KeyError(f"The trajectory has no variable `{name}`; {nearest(name, self.names)}")
         return self.values[:, self.columns[name]]
 
     def __contains__(self, name: object) -> bool:
@@ -227,136 +174,10 @@ class Trajectory:
                 raise
 
 
-def _at(spec: ExperimentSpec) -> str:
-    return f"{spec.file}: experiment `{spec.name}`:"
-
-
-def _nearest(name: str, known: Collection[str]) -> str:
+def nearest(name: str, known: Collection[str]) -> str:
+    """Say which known names are like `name`, else which there are."""
     close = get_close_matches(name, list(known), n=3, cutoff=0.5)
     if close:
         return "did you mean " + " or ".join(f"`{other}`" for other in close) + "?"
-    return f"there are: {_listing(islice(known, 20))}."
-
-
-def _check_unit(spec: ExperimentSpec, kind: str, variable: str, units: Mapping[str, str]) -> None:
-    entry = getattr(spec, kind)[variable]
-    if variable not in units:
-        raise StudyError(f"{_at(spec)} `{kind}`: the model has no `{variable}`; {_nearest(variable, units)}")
-    if entry.unit is None:
-        return
-    try:
-        si.to_si(0.0, entry.unit, units[variable])
-    except ModelError as error:
-        raise StudyError(
-            f'{_at(spec)} `{kind}."{variable}"` is read in `{entry.unit}`, '
-            f"but the model has it in `{units[variable]}`: {error}"
-        ) from None
-
-
-def _si_or_none(value: float | None, unit: str | None) -> float | None:
-    return value if value is None or unit is None else float(si.to_si(value, unit))
-
-
-def _time(spec: ExperimentSpec, table: Table) -> FloatArray:
-    """The time [s] of the rows that `rows` leaves; by the sample rate it is 0 at row 0 of the file."""
-    if spec.time is not None:
-        time = _numbers(spec, table[spec.time.column], spec.time.column)
-        if (missing := np.flatnonzero(~np.isfinite(time))).size:
-            row = missing[0] + _first_row(spec)
-            raise StudyError(f"{_at(spec)} the time column `{spec.time.column}` is empty in row {row}.")
-        return si.to_si(time, spec.time.unit)
-    if spec.format.sample_rate is None:
-        raise StudyError(f"{_at(spec)} there is no time column; give `time` or `format.sample_rate` in Hz.")
-    n = len(next(iter(table.values())))
-    return (_first_row(spec) + np.arange(n)) / spec.format.sample_rate
-
-
-def _first_row(spec: ExperimentSpec) -> int:
-    return spec.rows[0] if spec.rows else 0
-
-
-def _check_increasing(spec: ExperimentSpec, time: FloatArray, kept: NDArray[np.intp]) -> None:
-    wrong = np.flatnonzero(np.diff(time) <= 0)
-    if wrong.size:
-        k = int(wrong[0])
-        raise StudyError(
-            f"{_at(spec)} the time does not increase at row {kept[k + 1] + _first_row(spec)}: "
-            f"{time[k + 1]:.10g} s after {time[k]:.10g} s ({wrong.size} such rows); "
-            "choose a part by `rows` or mend the file."
-        )
-
-
-def _channel(
-    spec: ExperimentSpec, table: Table, kept: NDArray[np.intp], entry: InputSpec | OutputSpec, unit: str
-) -> Channel:
-    raw = _numbers(spec, table[entry.column], entry.column)[kept]
-    known = np.isfinite(raw)
-    if isinstance(entry, InputSpec) and not known.all():
-        row = kept[np.argmin(known)] + _first_row(spec)
-        raise StudyError(
-            f"{_at(spec)} the input column `{entry.column}` has no finite value in row {row} "
-            f"({np.count_nonzero(~known)} such rows); an input must be known throughout."
-        )
-    if np.count_nonzero(known) < MIN_SAMPLES:
-        raise StudyError(
-            f"{_at(spec)} the output column `{entry.column}` has {np.count_nonzero(known)} finite values; "
-            f"at least {MIN_SAMPLES} are needed."
-        )
-    offset = float(raw[known].mean()) if entry.subtract == "mean" else float(entry.subtract or 0.0)
-    given = entry.unit or unit
-    # Without its mean a value is a difference, so the zero of degC does not count.
-    values = si.to_si(np.where(known, raw, np.nan) - offset, given, difference=entry.subtract == "mean")
-    hold = entry.hold if isinstance(entry, InputSpec) else "foh"
-    sd = entry.sd if isinstance(entry, OutputSpec) else None
-    sd = None if sd is None else float(si.to_si(sd, given, difference=True))
-    return Channel(_frozen(values), hold, sd, unit, quantum(values))
-
-
-def _frozen(values: FloatArray) -> FloatArray:
-    values.flags.writeable = False
-    return values
-
-
-def _used_columns(spec: ExperimentSpec) -> Table:
-    """Read the columns that the study names, cut to its `rows`."""
-    try:
-        table = read_table(spec.file, spec.format)
-    except StudyError as error:
-        raise StudyError(f"{_at(spec)} {error}") from None
-    used = [entry.column for entry in (*spec.inputs.values(), *spec.outputs.values())]
-    used = dict.fromkeys([spec.time.column, *used] if spec.time else used)
-    missing = [name for name in used if name not in table]
-    if missing:
-        hints = [close[0] for name in missing if (close := get_close_matches(name, list(table), n=1, cutoff=0.5))]
-        hint = f"did you mean {_listing(hints)}? " if hints else ""
-        raise StudyError(
-            f"{_at(spec)} there is no column {_listing(missing)}; {hint}The columns are: {_listing(table)}."
-        )
-    lengths = {name: len(table[name]) for name in used}
-    if len(set(lengths.values())) > 1:
-        found = ", ".join(f"`{name}` {n}" for name, n in lengths.items())
-        raise StudyError(f"{_at(spec)} the columns differ in length: {found}.")
-    first, last = spec.rows or (0, max(lengths.values()) - 1)
-    if last >= max(lengths.values()):
-        raise StudyError(
-            f"{_at(spec)} `rows` ends at {last}, but the last row of the file is {max(lengths.values()) - 1}."
-        )
-    return {name: table[name][first : last + 1] for name in used}
-
-
-def _listing(names: Iterable[str]) -> str:
-    return ", ".join(f"`{name}`" for name in names)
-
-
-def _numbers(spec: ExperimentSpec, column: NDArray[Any], name: str) -> FloatArray:
-    if column.dtype.kind in "fiub":
-        return column.astype(float)
-    texts = pd.Series(column).astype("string").str.strip().replace("", None)
-    numbers = pd.Series(pd.to_numeric(texts, errors="coerce")).to_numpy(float, na_value=np.nan)
-    wrong = np.flatnonzero(np.isnan(numbers) & texts.notna().to_numpy())
-    if wrong.size:
-        raise StudyError(
-            f"{_at(spec)} the column `{name}` holds {str(column[wrong[0]])[:40]!r} in row "
-            f"{wrong[0] + _first_row(spec)}, which is not a number ({wrong.size} such rows)."
-        )
-    return numbers
+    listing = ", ".join(f"`{other}`" for other in islice(known, 20))
+    return f"there are: {listing}."

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cartpend_dae.cuts import run_of
 from cartpend_dae.errors import SolverError
-from cartpend_dae.pieces import run_of
 from cartpend_dae.problem import Problem, dominant_frequency
 from cartpend_dae.residual_noise import NoiseModel
 from cartpend_dae.shooting import filtered_nodes, run_from, run_through, scaled_values, sensitivities, start_states

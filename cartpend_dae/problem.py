@@ -10,11 +10,11 @@ import numpy as np
 
 from cartpend_dae.assemble import assemble
 from cartpend_dae.continuous import without_events
+from cartpend_dae.cuts import cut, run_of
 from cartpend_dae.dae import parameter_vector
 from cartpend_dae.data import Experiment, noise_sd
 from cartpend_dae.errors import ModelError
 from cartpend_dae.language import Component
-from cartpend_dae.pieces import cut, run_of
 from cartpend_dae.programme import programme
 from cartpend_dae.singular import check_regular
 from cartpend_dae.starts import begin_function, run_start

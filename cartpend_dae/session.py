@@ -4,7 +4,7 @@
 `identify_study` and `discover_study` are what the commands of the same names do.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 
 from cartpend_dae.assemble import assemble
 from cartpend_dae.assess import inverse_dynamics
-from cartpend_dae.data import Experiment, load_experiment
+from cartpend_dae.data import Experiment
 from cartpend_dae.discover import Discovery, FreeSpec, Setup, discover
 from cartpend_dae.discover.evidence import with_robust_sd
 from cartpend_dae.discover.prove import set_values
@@ -25,10 +25,13 @@ from cartpend_dae.effects import Card, catalogue, places
 from cartpend_dae.errors import ModelError, SolverError, StudyError
 from cartpend_dae.identify import Fit
 from cartpend_dae.language import Component
+from cartpend_dae.pieces import load_experiments
 from cartpend_dae.problem import make_problem
+from cartpend_dae.recording import at
 from cartpend_dae.study import FreeParameter, Study, load_model, load_study, parameter_in_si
 from cartpend_dae.system import Parameter, System
 from cartpend_dae.unknowns import Prior, tie
+from cartpend_dae.weak import too_slow
 
 Report = Callable[[str, str, float], None]
 
@@ -213,17 +216,34 @@ def _runs(study: Study, system: System) -> tuple[list[Experiment], list[str]]:
     findings: list[str] = []
     for spec in study.experiments:
         try:
-            run = load_experiment(spec, units)
+            pieces = load_experiments(spec, units, _state_names(system, spec.outputs))
         except StudyError as error:
             findings.append(str(error))
             continue
         try:
-            _ = make_problem(system, (), (run,), step=study.identify.step).starts
+            for run in pieces:
+                problem = make_problem(system, (), (run,), step=study.identify.step)
+                if wrong := too_slow(problem):
+                    findings.append(f"{at(run.name, spec.file)} {wrong}")
         except ModelError as error:
             findings.append(f"{study.path}: experiment `{spec.name}`: {error}")
             continue
-        runs.append(run)
+        runs += pieces
+    names = [run.name for run in runs]
+    if doubled := sorted({name for name in names if names.count(name) > 1}):
+        findings.append(
+            f"{study.path}: `{doubled[0]}` names a run and the piece of another; give the run another name."
+        )
     return runs, findings
+
+
+def _state_names(system: System, outputs: Iterable[str]) -> tuple[str, ...]:
+    """Name each state, by what is measured where that determines it: its first sample is then the guess."""
+    names = list(system.states)
+    for output in outputs:
+        if output in system.state_relations:
+            names[system.state_relations[output].state] = output
+    return tuple(names)
 
 
 def _cards(study: Study) -> tuple[tuple[Card, ...], list[str]]:

@@ -68,7 +68,7 @@ class Study:
 def load_study(path: Path | str) -> Study:
     """Read and check a study file.
 
-    Data files are looked for when they are read (`data.load_experiment`), not here.
+    Data files are looked for when they are read (`pieces.load_experiments`), not here.
 
     Raises
     ------

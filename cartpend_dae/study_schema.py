@@ -142,37 +142,87 @@ class ParameterTable:
 
 @dataclass(frozen=True, slots=True, config=_TABLE)
 class TimeSpec:
-    """The column that holds the time of each sample."""
+    """The column that holds the time of each sample; `shift` [s] is added, where the clocks of two files differ.
+
+    Without `unit` it is what the file says, else seconds.
+    """
 
     column: Text
-    unit: UnitText = "s"
+    unit: UnitText | None = None
+    shift: Number = 0.0
 
     def __post_init__(self) -> None:
-        if not units.same_dimension(self.unit, "s"):
+        if self.unit is not None and not units.same_dimension(self.unit, "s"):
             raise ValueError(f"has unit `{self.unit}`; expected a unit of time such as `s` or `ms`")
 
 
 @dataclass(frozen=True, slots=True, config=_TABLE)
+class FormatSpec:
+    """How a file is written, where it does not say so itself; what is absent is found out from the file.
+
+    `units = "study"` says that the units in the file are wrong and do not count.
+    """
+
+    columns: tuple[Text, ...] | None = None
+    delimiter: Character | None = None
+    sample_rate: Positive | None = None
+    skip_rows: Count = 0
+    comment: Character | None = None
+    decimal: Literal[".", ","] | None = None
+    thousands: Literal[",", ".", " ", "'"] | None = None
+    units: Literal["file", "study"] = "file"
+
+    def __post_init__(self) -> None:
+        doubled = sorted({name for name in self.columns or () if (self.columns or ()).count(name) > 1})
+        if doubled:
+            raise ValueError(f"names the column {', '.join(f'`{name}`' for name in doubled)} more than once")
+
+
+@dataclass(frozen=True, slots=True, config=_TABLE)
 class InputSpec:
-    """The column that drives an input of the model; without `unit` it is in SI."""
+    """The column that drives an input of the model; without `unit` it is in that of the file, else in SI.
+
+    It may stand in a `file` of its own, with `time` and `format` of its own where they differ from those of the run.
+    """
 
     column: Text
     unit: UnitText | None = None
     hold: Literal["zoh", "foh"] = "zoh"
     subtract: Subtract = None
+    file: FilePath | None = None
+    time: TimeSpec | None = None
+    format: FormatSpec | None = None
+
+    def __post_init__(self) -> None:
+        _check_own_file(self)
 
 
 @dataclass(frozen=True, slots=True, config=_TABLE)
 class OutputSpec:
-    """The column that measures a variable of the model; `sd` is its noise, in the unit of the column."""
+    """The column that measures a variable of the model; `sd` is its noise, in the unit of the column.
+
+    It may stand in a file of its own, as that of an input.
+    """
 
     column: Text
     unit: UnitText | None = None
     sd: Positive | None = None
     subtract: Subtract = None
+    file: FilePath | None = None
+    time: TimeSpec | None = None
+    format: FormatSpec | None = None
+
+    def __post_init__(self) -> None:
+        _check_own_file(self)
 
 
 ChannelSpec = InputSpec | OutputSpec
+
+
+def _check_own_file(entry: ChannelSpec) -> None:
+    for key in ("time", "format"):
+        if entry.file is None and getattr(entry, key) is not None:
+            raise ValueError(f"has `{key}` but no `file`; give both for a column in a file of its own, or neither")
 
 
 @dataclass(frozen=True, slots=True, config=_TABLE)
@@ -207,28 +257,12 @@ class StartSpec:
 
 
 @dataclass(frozen=True, slots=True, config=_TABLE)
-class FormatSpec:
-    """How a file is written, where it does not say so itself; what is absent is found out from the file."""
-
-    columns: tuple[Text, ...] | None = None
-    delimiter: Character | None = None
-    sample_rate: Positive | None = None
-    skip_rows: Count = 0
-    comment: Character | None = None
-    decimal: Literal[".", ","] | None = None
-
-    def __post_init__(self) -> None:
-        doubled = sorted({name for name in self.columns or () if (self.columns or ()).count(name) > 1})
-        if doubled:
-            raise ValueError(f"names the column {', '.join(f'`{name}`' for name in doubled)} more than once")
-
-
-@dataclass(frozen=True, slots=True, config=_TABLE)
 class ExperimentSpec:
     """One recorded run: where it is, what its columns mean, what it is for.
 
     A `steady` run starts at rest under its first inputs; with `piece` [s] it is fitted in pieces of that length, each
     with a start of its own.
+    At a `gap` the run is cut into runs that start anew, or its inputs are held and nothing in it is weighed.
     """
 
     name: Text
@@ -245,6 +279,7 @@ class ExperimentSpec:
     horizon: Positive | None = None
     steady: Switch = False
     piece: Positive | None = None
+    gap: Literal["split", "hold"] = "split"
 
     def __post_init__(self) -> None:
         if "#" in self.name:

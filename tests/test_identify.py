@@ -7,9 +7,10 @@ import pytest
 from scipy.optimize import least_squares
 
 from cartpend_dae import Component, ModelError, Statements, assemble, connect, initial, simulate
-from cartpend_dae.data import Channel, Experiment, Start, load_experiment
+from cartpend_dae.data import Channel, Experiment, Start
 from cartpend_dae.identify import estimate
 from cartpend_dae.library import rotational, translational
+from cartpend_dae.pieces import load_experiments
 from cartpend_dae.problem import free_parameter, make_problem
 from cartpend_dae.shooting import linearised, predict
 from cartpend_dae.study import load_study
@@ -115,7 +116,7 @@ def test_the_optimum_is_that_of_scipy_on_an_independent_simulation():
 def test_the_published_pendulum_ends_at_the_minimum_of_the_swept_curve(guess):
     study = load_study(STUDIES / "published_pendulum.toml")
     system = assemble(RotaDamp())
-    experiment = load_experiment(study.experiments[0], {v.name: v.declaration.unit for v in system.variables})
+    (experiment,) = load_experiments(study.experiments[0], {v.name: v.declaration.unit for v in system.variables})
     measured = experiment.outputs["bearing.phi"].values
 
     def sse(d):

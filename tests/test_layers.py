@@ -45,8 +45,12 @@ LAYERS = """
     initialize
     start_report
     study_schema
+    columns
+    text_tables matlab_tables
     tables
     data
+    recording
+    pieces figures
     study
     linear_model stepping inputs integration
     operating_point breakdown
@@ -54,20 +58,21 @@ LAYERS = """
     hybrid_problem time_events
     integrate
     simulate
-    unknowns pieces
+    unknowns cuts
     transcribe
     starts
     programme
     problem
     shooting
     directions residual_noise
-    uncertainty
+    uncertainty weak
     identify
     descent
     assess
     effects
     discover
     session
+    data_report
     report.text
     plots animate
     report

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from cartpend_dae import assemble
-from cartpend_dae.data import load_experiment, noise_sd
+from cartpend_dae.data import noise_sd
+from cartpend_dae.pieces import load_experiments
 from cartpend_dae.study import load_model, load_study
 
 STUDIES = Path(__file__).resolve().parent.parent / "models" / "studies"
@@ -37,7 +38,7 @@ def units_of(study):
 
 def stored_trace():
     study = load_study(STUDIES / "published_pendulum.toml")
-    return load_experiment(study.experiments[0], units_of(study)).outputs["bearing.phi"].values
+    return load_experiments(study.experiments[0], units_of(study))[0].outputs["bearing.phi"].values
 
 
 def test_the_18_published_sums_of_squares_are_rebuilt():
@@ -114,7 +115,7 @@ def test_the_demo_is_the_same_each_time_and_stands_alone(tmp_path):
         assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes(), path.name
     moved = shutil.move(tmp_path / "one", tmp_path / "elsewhere")
     read = load_study(Path(moved) / study.name)
-    runs = [load_experiment(entry, units_of(read)) for entry in read.experiments]
+    runs = [load_experiments(entry, units_of(read))[0] for entry in read.experiments]
     assert [run.role for run in runs] == ["train", "train", "test"]
     for run in runs:
         assert run.time.size == 601
@@ -155,7 +156,7 @@ def test_exchanged_study_is_the_other_one_with_its_roles_exchanged():
 def test_emps_studies_read_the_measured_runs(data_dir, name):
     study = load_study(STUDIES / f"{name}.toml")
     for spec in study.experiments:
-        run = load_experiment(spec, units_of(study))
+        (run,) = load_experiments(spec, units_of(study))
         assert run.time.size == 24841
         assert np.abs(run.inputs["drive.u"].values).max() < 10  # volts: the amplifier is limited to 10
         assert run.outputs["encoder.s"].values.max() == pytest.approx(0.2464, abs=2e-4)

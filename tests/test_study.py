@@ -81,7 +81,7 @@ def test_every_key_arrives(tmp_path, monkeypatch):
     run, axis = study.experiments
     assert run.file == tmp_path / "logs/release1.csv"
     assert axis.file == Path("/measured/emps/DATA_EMPS.mat")
-    assert (run.time.unit, axis.time.unit) == ("ms", "s")
+    assert (run.time.unit, axis.time.unit) == ("ms", None)
     assert (run.inputs["amplifier.u"].hold, run.inputs["amplifier.u"].subtract) == ("foh", "mean")
     assert (run.outputs["bearing.phi"].sd, run.outputs["bearing.phi"].subtract) == (0.1, 1)
     assert run.start["bearing.phi"].is_free and not run.start["bearing.w"].is_free
@@ -179,6 +179,14 @@ BROKEN = {
         run_with('"time" }', '"time", unit = "m" }'),
         "`experiment[0].time` (of `release1`) has unit `m`; expected a unit of time such as `s` or `ms`.",
     ),
+    "time of its own without a file": (
+        run_with('"deg"', '"deg", time = { column = "t" }'),
+        "has `time` but no `file`; give both for a column in a file of its own, or neither.",
+    ),
+    "unknown gap": (
+        MODEL + RUN + 'gap = "skip"\n',
+        "`experiment[0].gap` (of `release1`) is 'skip'; expected 'split' or 'hold'.",
+    ),
     "unknown role": (
         MODEL + RUN + 'role = "training"\n',
         "`experiment[0].role` (of `release1`) is 'training'; expected 'train', 'select' or 'test'.",
@@ -219,7 +227,7 @@ BROKEN = {
     "hold of an output": (
         run_with('"deg"', '"deg", hold = "zoh"'),
         '`experiment[0].outputs."bearing.phi".hold` (of `release1`) is not a known key; '
-        "Known here: `column`, `unit`, `sd`, `subtract`.",
+        "Known here: `column`, `unit`, `sd`, `subtract`, `file`, `time`, `format`.",
     ),
     "unknown hold": (
         MODEL + RUN + 'inputs = { u = { column = "u", hold = "zero" } }\n',
