@@ -16,7 +16,7 @@ from cartpend_dae.language import Component
 from cartpend_dae.programme import Programme, programme
 from cartpend_dae.singular import check_regular
 from cartpend_dae.system import System
-from cartpend_dae.transcribe import SEGMENT, Free, Layout, Passes, RunStart, interval_inputs, passes
+from cartpend_dae.transcribe import SEGMENT, Free, Layout, Passes, RunStart, interval_inputs, passes, shown_state
 
 
 @dataclass(frozen=True)
@@ -206,21 +206,21 @@ def _run_start(problem: Problem, experiment: Experiment) -> RunStart:
     for name, start in experiment.start.items():
         if not start.free:
             continue
-        relation = system.state_relations.get(name)
-        if relation is None:
+        shown = shown_state(system, name) if name in {v.name for v in system.variables} else None
+        if shown is None:
             states = ", ".join(f"`{state}`" for state in system.states)
             raise ModelError(
                 f"The start of `{name}` in run `{experiment.name}` cannot be free: it is not a state of the model or "
                 f"a multiple of one. The states are: {states}."
             )
-        factor, offset = (
-            float(ca.Function("f", [system.p], [value])(p)) for value in (relation.factor, relation.offset)
-        )
+        state, factor = shown[0], float(ca.Function("f", [system.p], [shown[1]])(p))
+        # what else is in it, as the deflection of a shaft, stays where the model starts
+        offset = float(model_values[system.index_of(name)] - factor * begin.x[state])
         guess = float(given.get(name, model_values[system.index_of(name)]) or 0.0)
         scale = _start_scale(experiment, system, name, guess)
         free.append(
             (
-                relation.state,
+                state,
                 factor,
                 offset,
                 Free(f"{experiment.name}:{name}", guess, -np.inf, np.inf, scale, system.unit_of(name)),

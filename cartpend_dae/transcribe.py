@@ -80,22 +80,42 @@ class Passes:
 
 
 def injection_targets(system: System, outputs: tuple[int, ...]) -> tuple[tuple[int, int, int | None, ca.SX], ...]:
-    """Return for each output that is a state (up to a factor): (output, state, state of its rate, factor).
+    """Return for each output that shows a state: (output, state, state of its rate, factor).
 
-    Outputs that are no states are predicted but do not correct the prediction.
+    Outputs that show none are predicted but do not correct the prediction.
     """
     found = []
     for position, index in enumerate(outputs):
-        relation = system.state_relations.get(system.variables[index].name)
-        if relation is None:
+        shown = shown_state(system, system.variables[index].name)
+        if shown is None:
             continue
+        state, factor = shown
         rate: int | None = None
-        target = system.ode[relation.state]
         for other in range(system.x.numel()):
-            if ca.is_equal(target, system.x[other]):
+            if ca.is_equal(system.ode[state], system.x[other]):
                 rate = other
-        found.append((position, relation.state, rate, relation.factor))
+        found.append((position, state, rate, factor))
     return tuple(found)
+
+
+def shown_state(system: System, name: str) -> tuple[int, ca.SX] | None:
+    """Return the state that a variable shows, and its factor: the variable is factor times state, and more.
+
+    It is the state that the variable is, up to a factor; or else the one of the same unit that it differs from, as by
+    the deflection of a shaft; or that of the variable it is named after, as ``encoder.s.sensor_delay.y`` is.
+    """
+    names = {variable.name for variable in system.variables}
+    while name:
+        relation = system.state_relations.get(name)
+        if relation is not None:
+            return relation.state, relation.factor
+        slope = ca.jacobian(system.outputs[system.index_of(name)], system.x) if name in names else ca.SX(1, 0)
+        for state in slope.sparsity().get_triplet()[1]:
+            is_fixed = not ca.depends_on(slope[0, state], ca.vertcat(system.x, system.u, system.time))
+            if is_fixed and system.unit_of(system.states[state]) == system.unit_of(name) != "1":
+                return state, slope[0, state]
+        name = name.rpartition(".")[0]
+    return None
 
 
 def passes(layout: Layout) -> Passes:

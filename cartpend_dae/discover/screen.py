@@ -7,7 +7,7 @@ import numpy as np
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place, fits
-from cartpend_dae.errors import SolverError
+from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.shooting import Linearisation
 
 # effects that change the residual by less than this share of their own size are invisible to these sensors
@@ -61,7 +61,7 @@ def screen(
         try:
             linear = bench.linearised((*taken, insertion), point, bandwidth, sd)
             found.append(_predict(insertion, linear))
-        except SolverError as error:
+        except (ModelError, SolverError) as error:
             found.append(Candidate(insertion, insertion.starts, 0.0, 0.0, 0.0, None, f"it cannot be tried: {error}"))
     ranked = sorted(found, key=lambda candidate: (bool(candidate.why_not), -candidate.predicted))
     best: dict[str, Candidate] = {}
@@ -81,13 +81,13 @@ def _predict(insertion: Insertion, linear: Linearisation) -> Candidate:
     left = gram[np.ix_(own, own)] - coupling @ projection @ coupling.T
     pull = gradient[own] - coupling @ projection @ gradient[others]
     visible = np.diag(left) > BLIND * np.clip(np.diag(gram)[own], 1e-300, None)
-    if not visible.all():
+    if not visible.any():
         why = "no sensor sees it apart from what is free already"
         return Candidate(insertion, insertion.starts, 0.0, 0.0, 0.0, None, why)
     scale = np.array([linear.variables[i].scale for i in own])
     low = np.array([linear.variables[i].lower for i in own]) / scale
     high = np.array([linear.variables[i].upper for i in own]) / scale
-    size = _within(left, pull, low, high)
+    size = _within(left, pull, low, high, visible)
     values = insertion.starts | dict(zip(insertion.size_names, size * scale, strict=True))
     if not size.any():
         wanted = -np.linalg.lstsq(left, pull, rcond=1e-12)[0] * scale
@@ -97,10 +97,12 @@ def _predict(insertion: Insertion, linear: Linearisation) -> Candidate:
     return Candidate(insertion, values, float(-pull @ size), 0.0, 0.0, None, "")
 
 
-def _within(gram: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the sizes with the least cost, leaving out one after the other those beyond their bounds."""
+def _within(
+    gram: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray, visible: np.ndarray
+) -> np.ndarray:
+    """Return the visible sizes with the least cost, leaving out one after the other those beyond their bounds."""
     size = np.zeros(gradient.size)
-    free = np.ones(gradient.size, dtype=bool)
+    free = visible.copy()
     while free.any():
         size[:] = 0.0
         size[free] = -np.linalg.lstsq(gram[np.ix_(free, free)], gradient[free], rcond=1e-12)[0]

@@ -13,6 +13,7 @@ from cartpend_dae.identify import Fit, estimate
 from cartpend_dae.language import Component
 from cartpend_dae.problem import Problem, dominant_frequency, free_parameter, make_problem
 from cartpend_dae.shooting import Linearisation, linearised
+from cartpend_dae.system import System
 from cartpend_dae.transcribe import Free
 
 Report = Callable[[str, str, float], None]
@@ -40,8 +41,7 @@ class Workbench:
         hints: Mapping[str, float],
     ) -> Problem:
         """Make a problem on given runs."""
-        model = augmented(self.setup.model, insertions)
-        system = assemble(model)
+        system = assembled(self.setup.model, insertions, experiments)
         free: list[Free] = []
         for spec in self.setup.free:
             free.append(free_parameter(system, spec.name, guess=spec.guess, lower=spec.lower, upper=spec.upper))
@@ -90,6 +90,15 @@ class Workbench:
 
 def _finite(bound: float) -> float | None:
     return bound if np.isfinite(bound) else None
+
+
+def assembled(model: Component, insertions: tuple[Insertion, ...], experiments: tuple[Experiment, ...]) -> System:
+    """Return the system with all insertions made, with what the runs measure or start from as states.
+
+    An effect in series parts positions that were one; the start of a run stays that of the one it names.
+    """
+    names = {name for run in experiments for name in (*run.outputs, *run.start)}
+    return assemble(augmented(model, insertions), states=dict.fromkeys(names, "prefer"))
 
 
 def augmented(model: Component, insertions: tuple[Insertion, ...]) -> Component:
