@@ -1,8 +1,9 @@
 """Run the passes: component tree -> System."""
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,17 +14,20 @@ from cartpend_dae.flatten import flatten
 from cartpend_dae.index import reduce_index
 from cartpend_dae.language import Component
 from cartpend_dae.merge import merge_frictions
+from cartpend_dae.quantities import StateSelect
 from cartpend_dae.sort import sort
-from cartpend_dae.system import System
+from cartpend_dae.system import FlatSystem, System
 
 
-def assemble(model: Component | System) -> System:
+def assemble(model: Component | System, *, states: Mapping[str, StateSelect] | None = None) -> System:
     """Turn a model into a well-posed system of equations; an assembled one is returned as it is.
 
     Parameters
     ----------
     model
         The whole model.
+    states
+        `state_select` of variables by name, where the model says nothing of them: those whose start is to be estimated.
 
     Raises
     ------
@@ -35,11 +39,24 @@ def assemble(model: Component | System) -> System:
     if isinstance(model, System):
         return model
     with _without_collection():
-        flat = flatten(model)
+        flat = _selecting(flatten(model), states or {})
         check_dimensions(flat)
         system = merge_frictions(sort(reduce_index(alias(flat))))
     check_bounds(system, system.parameter_values)
     return system
+
+
+def _selecting(flat: FlatSystem, states: Mapping[str, StateSelect]) -> FlatSystem:
+    """Return a flat system in which variables have another `state_select`, unless the model gave them one."""
+    if not states:
+        return flat
+    variables = tuple(
+        replace(v, declaration=replace(v.declaration, state_select=states[v.name]))
+        if v.name in states and v.declaration.state_select == "default"
+        else v
+        for v in flat.variables
+    )
+    return replace(flat, variables=variables)
 
 
 @contextmanager

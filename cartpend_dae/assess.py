@@ -178,7 +178,13 @@ def inverse_dynamics(system: System, experiment: Experiment, score: ScoreSpec, m
     output, driven = names.get(score.output, score.output), names.get(score.input, score.input)
     index = system.index_of(output)
     targets = injection_targets(system, (index,))
-    if driven not in system.inputs or not targets or targets[0][2] is None or system.x.numel() != 2:
+    if (
+        output not in system.state_relations
+        or driven not in system.inputs
+        or not targets
+        or targets[0][2] is None
+        or system.x.numel() != 2
+    ):
         raise ModelError(
             f"The score `{score.name}` needs a model whose only states are `{score.output}` and its speed, "
             f"driven by `{score.input}`; {system.name} has the states {', '.join(system.states)}."

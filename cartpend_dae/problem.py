@@ -1,8 +1,7 @@
 """What is to be estimated, on which runs, from where: checked against the model once, solved as often as needed."""
 
 import itertools
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -34,7 +33,6 @@ class Problem:
     step: float | None = None
     ties: tuple[Tie, ...] = ()
     huber: float = np.inf
-    origins: Mapping[str, str] = field(default_factory=dict)
     stride: float | None = None
 
     @cached_property
@@ -51,7 +49,6 @@ class Problem:
             slots=slots,
             ties=self.ties,
             outputs=tuple(self.system.index_of(name) for name in self.outputs),
-            corrects=tuple(self.system.index_of(self.origins.get(name, name)) for name in self.outputs),
             output_names=self.outputs,
             substeps=_substeps(self),
             length=length,
@@ -107,7 +104,6 @@ def make_problem(
     step: float | None = None,
     ties: tuple[Tie, ...] = (),
     huber: float | None = None,
-    origins: Mapping[str, str] | None = None,
 ) -> Problem:
     """Check what is to be estimated against the model.
 
@@ -125,8 +121,6 @@ def make_problem(
         Parameters that follow from others; see `unknowns.tie`.
     huber
         Residuals beyond so many standard deviations count linearly; all count squared if None.
-    origins
-        For measured variables behind errors of sensors: what they measure.
 
     Raises
     ------
@@ -160,9 +154,7 @@ def make_problem(
                 raise ModelError(f"Run `{experiment.name}` gives no input `{name}`: name its column under `inputs`.")
     check_regular(system, parameter_vector(system, {item.name: item.guess for item in free}))
     _check_ties(ties, free)
-    return Problem(
-        system, free, experiments, outputs, step, ties, np.inf if huber is None else huber, dict(origins or {})
-    )
+    return Problem(system, free, experiments, outputs, step, ties, np.inf if huber is None else huber)
 
 
 def _check_ties(ties: tuple[Tie, ...], free: tuple[Free, ...]) -> None:

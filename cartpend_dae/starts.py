@@ -8,7 +8,7 @@ from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.initialize import initialize
 from cartpend_dae.stepping import runge_kutta
 from cartpend_dae.system import System
-from cartpend_dae.transcribe import Layout, RunStart, interval_inputs, parameter_function
+from cartpend_dae.transcribe import FreeStart, Layout, RunStart, interval_inputs, parameter_function, shown_state
 from cartpend_dae.unknowns import Free, Prior
 
 # iterations towards a steady state: without derivatives until it stands, then so many that the derivatives are right
@@ -47,7 +47,7 @@ def run_start(system: System, experiment: Experiment, p: np.ndarray) -> RunStart
     for name, start in experiment.start.items():
         if not start.free:
             continue
-        if name not in system.state_relations:
+        if name not in system.positions[0] or (shown := shown_state(system, name)) is None:
             states = ", ".join(f"`{state}`" for state in system.states)
             raise ModelError(
                 f"The start of `{name}` in run `{experiment.name}` cannot be free: it is not a state of the model or "
@@ -56,10 +56,27 @@ def run_start(system: System, experiment: Experiment, p: np.ndarray) -> RunStart
         guess = float(given.get(name, model_values[system.index_of(name)]) or 0.0)
         scale = _start_scale(experiment, system, name, guess)
         label = f"{experiment.name}:{name}"
+        rest = _rest(system, name, shown, begin.x, model_values, p)
         prior = None if start.sd is None else Prior(guess, start.sd)
-        free.append((name, Free(label, guess, -np.inf, np.inf, scale, system.unit_of(name), prior=prior)))
+        free.append(
+            (FreeStart(*shown, rest), Free(label, guess, -np.inf, np.inf, scale, system.unit_of(name), prior=prior))
+        )
     steady = tuple(_settling(system, experiment)) if experiment.steady else None
     return RunStart(x, tuple(free), steady, u, time)
+
+
+def _rest(
+    system: System, name: str, shown: tuple[int, ca.SX], x: np.ndarray, values: np.ndarray, p: np.ndarray
+) -> ca.SX:
+    """Return what a variable is beside its state: an expression of parameters, or else what it is at the start.
+
+    The deflection of a shaft, say, stays where the model starts.
+    """
+    relation = system.state_relations.get(name)
+    if relation is not None:
+        return relation.offset
+    factor = float(ca.Function("f", [system.p], [shown[1]])(p))
+    return ca.SX(float(values[system.index_of(name)]) - factor * float(x[shown[0]]))
 
 
 def _settling(system: System, experiment: Experiment) -> list[int]:
@@ -81,10 +98,9 @@ def begin_function(layout: Layout, start: RunStart) -> ca.Function:
     theta, s = ca.SX.sym("theta", len(layout.slots)), ca.SX.sym("s", len(start.free))
     p = parameter_function(layout)(theta)
     state = ca.SX(ca.DM(start.x))
-    for position, (name, free) in enumerate(start.free):
-        relation = system.state_relations[name]
-        factor, offset = ca.substitute([relation.factor, relation.offset], [system.p], [p])
-        state[relation.state] = (free.value(s[position]) - offset) / factor
+    for position, (shown, free) in enumerate(start.free):
+        factor, rest = ca.substitute([shown.factor, shown.rest], [system.p], [p])
+        state[shown.state] = (free.value(s[position]) - rest) / factor
     x, z = state[:n_x, 0], state[n_x:, 0]
     if start.steady is not None:
         x, z = _settled(layout, start, x, z, p, theta, s)

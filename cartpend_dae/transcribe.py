@@ -30,6 +30,15 @@ SEGMENT = 100
 
 
 @dataclass(frozen=True, slots=True)
+class FreeStart:
+    """A variable whose start is free: factor times a state, and a rest that depends on parameters only."""
+
+    state: int
+    factor: ca.SX
+    rest: ca.SX
+
+
+@dataclass(frozen=True, slots=True)
 class RunStart:
     """How a run starts: state `x` (n_state,) with its inputs `u` (n_u,) at `time` [s], and the variables that are free.
 
@@ -37,7 +46,7 @@ class RunStart:
     """
 
     x: np.ndarray
-    free: tuple[tuple[str, Free], ...]
+    free: tuple[tuple[FreeStart, Free], ...]
     steady: tuple[int, ...] | None
     u: np.ndarray
     time: float
@@ -56,9 +65,9 @@ class Layout:
     """The structure of an estimation problem: what is free, what is measured, how samples are grouped.
 
     `free` are the estimated parameters of all runs, of which `slots` says where they stand in the model. `outputs` are
-    indices of system variables, and `corrects` those through whose states the output injection acts. Segments
-    (n_segments of `length` samples) of all runs stand one after the other; `first` are the segments with which runs
-    begin. With a finite `huber`, residuals beyond so many standard deviations count linearly.
+    indices of system variables. Segments (n_segments of `length` samples) of all runs stand one after the other;
+    `first` are the segments with which runs begin. With a finite `huber`, residuals beyond so many standard deviations
+    count linearly.
     """
 
     system: System
@@ -66,7 +75,6 @@ class Layout:
     slots: tuple[Slot, ...]
     ties: tuple[Tie, ...]
     outputs: tuple[int, ...]
-    corrects: tuple[int, ...]
     output_names: tuple[str, ...]
     substeps: int
     length: int
@@ -92,22 +100,42 @@ class Layout:
 
 
 def injection_targets(system: System, outputs: tuple[int, ...]) -> tuple[tuple[int, int, int | None, ca.SX], ...]:
-    """Return for each output that is a state (up to a factor): (output, state, state of its rate, factor).
+    """Return for each output that shows a state: (output, state, state of its rate, factor).
 
-    Outputs that are no states are predicted but do not correct the prediction.
+    Outputs that show none are predicted but do not correct the prediction.
     """
     found = []
     for position, index in enumerate(outputs):
-        relation = system.state_relations.get(system.variables[index].name)
-        if relation is None:
+        shown = shown_state(system, system.variables[index].name)
+        if shown is None:
             continue
+        state, factor = shown
         rate: int | None = None
-        target = system.ode[relation.state]
         for other in range(system.x.numel()):
-            if ca.is_equal(target, system.x[other]):
+            if ca.is_equal(system.ode[state], system.x[other]):
                 rate = other
-        found.append((position, relation.state, rate, relation.factor))
+        found.append((position, state, rate, factor))
     return tuple(found)
+
+
+def shown_state(system: System, name: str) -> tuple[int, ca.SX] | None:
+    """Return the state that a variable shows, and its factor: the variable is factor times state, and more.
+
+    It is the state that the variable is, up to a factor; or else the one of the same unit that it differs from, as by
+    the deflection of a shaft; or that of the variable it is named after, as ``encoder.s.sensor_delay.y`` is.
+    """
+    names = {variable.name for variable in system.variables}
+    while name:
+        relation = system.state_relations.get(name)
+        if relation is not None:
+            return relation.state, relation.factor
+        slope = ca.jacobian(system.outputs[system.index_of(name)], system.x) if name in names else ca.SX(1, 0)
+        for state in slope.sparsity().get_triplet()[1]:
+            is_fixed = not ca.depends_on(slope[0, state], ca.vertcat(system.x, system.u, system.time))
+            if is_fixed and system.unit_of(system.states[state]) == system.unit_of(name) != "1":
+                return state, slope[0, state]
+        name = name.rpartition(".")[0]
+    return None
 
 
 @dataclass(frozen=True)
@@ -265,7 +293,7 @@ def _sample(layout: Layout, step: Step, p: ca.SX, w: ca.SX, x: ca.SX, data: ca.S
     error = measured - step.measure(time, width, x, u_a, p)[list(layout.outputs)]
     corrected = ca.SX(x)
     # width is 0 at the last sample of a run and at padding: nothing is corrected or stepped there
-    for position, state, rate, factor in injection_targets(system, layout.corrects):
+    for position, state, rate, factor in injection_targets(system, layout.outputs):
         factor = ca.substitute(factor, system.p, p) if system.p.numel() else factor
         rho = ca.exp(-w[position] * width)
         seen = (weight[position] > 0) * error[position] / factor

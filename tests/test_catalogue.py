@@ -2,15 +2,17 @@
 
 import sys
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from effect_scenes import CARDS, DRIVEN, PENDULUM, SPRINGS, columns, name_of, plain, scene, scenes
+from effect_scenes import CARDS, DRIVEN, PENDULUM, SPRINGS, Scene, columns, name_of, plain, scene, scenes
 
 from cartpend_dae import assemble
-from cartpend_dae.effects import insert
+from cartpend_dae.effects import Insertion, catalogue, insert
 from cartpend_dae.effects.card import E, R, T
+from cartpend_dae.effects.places import place_at
 from cartpend_dae.language import bindings_of, parameters_of
 from cartpend_dae.report.model_plus import model_plus_source
 from cartpend_dae.study import load_model
@@ -233,3 +235,45 @@ def test_what_a_card_calls_equivalent_cannot_be_told_apart(pair):
     inner = mix @ gram @ mix.T
     cosine = inner[0, 1] / np.sqrt(inner[0, 0] * inner[1, 1])
     assert abs(cosine) > 0.95
+
+
+def test_the_docs_list_the_catalogue():
+    page = (Path(__file__).resolve().parent.parent / "docs" / "effects.md").read_text("utf-8")
+    listed = {line.split("`")[1]: line for line in page.splitlines() if line.startswith("| `") and line.count("|") == 5}
+    assert set(listed) == set(CARDS)
+    for card in CARDS.values():
+        assert f"| {card.insertion} | {card.summary} |" in listed[card.id]
+        assert all(
+            name in listed[card.id] for item in card.parameters for name in {item.names[k] for k in card.components}
+        )
+
+
+OWN = '''
+from cartpend_dae import Statements, param, Param
+from cartpend_dae.effects import Card, size
+from cartpend_dae.library.rotational import CompliantWithSpeed, Flange
+
+
+class CubicDrag(CompliantWithSpeed):
+    """Cubic drag, tau = d3 w_rel^3."""
+
+    d3: Param = param(unit="N.m.s3/rad3", default=0.0, min=0, doc="drag")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        yield self.tau == self.d3 * self.w_rel**3
+
+
+CARD = Card("cubic_drag", "cubic drag", "parallel", {Flange: CubicDrag}, (size("d3"),), True, (), {}, ("v^3",), "", "")
+'''
+
+
+def test_an_effect_of_the_users_own_is_imported_from_its_file(tmp_path):
+    (tmp_path / "effects").mkdir()
+    file = tmp_path / "effects" / "my_effect.py"
+    file.write_text(OWN, "utf-8")
+    (card,) = (card for card in catalogue(file) if card.id == "cubic_drag")
+    found = Scene(PENDULUM, Insertion(card, place_at(PENDULUM.model(), card, "bearing")), (("d3", 0.01),))
+    again = as_python(found, tmp_path)
+    assert "import my_effect" in (tmp_path / "model_plus.py").read_text("utf-8")
+    np.testing.assert_array_equal(found.outputs(again), found.outputs(found.felt()))

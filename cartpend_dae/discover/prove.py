@@ -2,11 +2,10 @@
 
 from collections.abc import Callable
 
-from cartpend_dae.assemble import assemble
 from cartpend_dae.assess import Assessment, assess
 from cartpend_dae.discover.records import Discovery, Regime, Search, Setup
 from cartpend_dae.discover.search import search
-from cartpend_dae.discover.workbench import Workbench, augmented, renamed
+from cartpend_dae.discover.workbench import Workbench, assembled, augmented, renamed
 from cartpend_dae.effects import Card, Insertion, catalogue, places
 from cartpend_dae.effects.walk import component_at
 from cartpend_dae.errors import ModelError
@@ -82,8 +81,8 @@ def prove(setup: Setup, outcome: Search) -> Discovery:
 
 
 def _assess(setup: Setup, insertions: tuple[Insertion, ...], fit: Fit, bandwidth: float) -> Assessment:
-    system = assemble(augmented(setup.model, insertions))
-    runs = renamed((*setup.train, *setup.select, *setup.test), insertions)
+    every = (*setup.train, *setup.select, *setup.test)
+    system, runs = assembled(setup.model, insertions, every), renamed(every, insertions)
     measured: dict[str, str] = {}
     for insertion in insertions:
         measured |= {new: old for old, new in (insertion.measured | insertion.driven).items()}

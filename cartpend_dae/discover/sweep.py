@@ -14,10 +14,9 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from cartpend_dae.assemble import assemble
 from cartpend_dae.continuous import without_events
-from cartpend_dae.discover.workbench import Workbench
-from cartpend_dae.effects import Insertion, insert_all
+from cartpend_dae.discover.workbench import Workbench, assembled
+from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError
 from cartpend_dae.problem import Problem
 from cartpend_dae.shooting import carried_on, run_through, scaled_values, sensitivities, start_slopes
@@ -71,7 +70,7 @@ def sweep(
         If the simulation with the effects diverges.
     """
     whole = (*taken, *options)
-    system = without_events(assemble(insert_all(bench.setup.model, whole)), "An estimation")
+    system = without_events(assembled(bench.setup.model, whole, bench.setup.train), "An estimation")
     system = _sliding(system, options)
     problem = bench.problem_of(system, taken, whole, coarse=True)
     values = scaled_values(problem, point)

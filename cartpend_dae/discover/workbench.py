@@ -45,9 +45,9 @@ class Workbench:
         hints: Mapping[str, float],
     ) -> Problem:
         """Make a problem on given runs."""
-        system = assemble(augmented(self.setup.model, insertions))
+        system = assembled(self.setup.model, insertions, experiments)
         free = self._free(system, insertions, hints)
-        return self._problem(system, free, renamed(experiments, insertions), insertions, self.setup.step)
+        return self._problem(system, free, renamed(experiments, insertions), self.setup.step)
 
     def problem_of(
         self, system: System, taken: tuple[Insertion, ...], inside: tuple[Insertion, ...], *, coarse: bool = False
@@ -58,7 +58,7 @@ class Workbench:
         """
         runs = renamed(self.setup.train, inside)
         free = self._free(system, taken, {})
-        problem = self._problem(system, free, runs, inside, self.setup.step)
+        problem = self._problem(system, free, runs, self.setup.step)
         return replace(problem, step=None, stride=COARSE) if coarse else problem
 
     def _problem(
@@ -66,13 +66,11 @@ class Workbench:
         system: System,
         free: tuple[Free, ...],
         runs: tuple[Experiment, ...],
-        inside: tuple[Insertion, ...],
         step: float | None,
     ) -> Problem:
         setup = self.setup
         ties = tuple(tie(system, name, text) for name, text in setup.ties)
-        origins = {new: old for insertion in inside for old, new in insertion.measured.items()}
-        return make_problem(system, free, runs, step=step, ties=ties, huber=setup.huber, origins=origins)
+        return make_problem(system, free, runs, step=step, ties=ties, huber=setup.huber)
 
     def _free(self, system: System, insertions: tuple[Insertion, ...], hints: Mapping[str, float]) -> tuple[Free, ...]:
         free: list[Free] = []
@@ -147,6 +145,15 @@ def _solved(problem: Problem, bandwidth: float, guess: Mapping[str, float], sd: 
 
 def _finite(bound: float) -> float | None:
     return bound if np.isfinite(bound) else None
+
+
+def assembled(model: Component, insertions: tuple[Insertion, ...], experiments: tuple[Experiment, ...]) -> System:
+    """Return the system with all insertions made, with what the runs measure or start from as states.
+
+    An effect in series parts positions that were one; the start of a run stays that of the one it names.
+    """
+    names = {name for run in experiments for name in (*run.outputs, *run.start)}
+    return assemble(augmented(model, insertions), states=dict.fromkeys(names, "prefer"))
 
 
 def augmented(model: Component, insertions: tuple[Insertion, ...]) -> Component:
