@@ -124,7 +124,7 @@ def identify_study(study: Opened | Path | str, *, report: Report | None = None) 
     bench = Workbench(opened.setup, report or _silent)
     is_free = all(run.score == "free" for run in opened.setup.train)
     sd = bench.problem(()).prior_sd
-    stages = tuple(share * bench.frequency for share in STAGES) if is_free else (best_bandwidth(bench, sd),)
+    stages = tuple(share * bench.frequency for share in STAGES) if is_free else (best_bandwidth(bench, [], {}, sd),)
     fit = bench.fit((), {}, stages, sd)
     if not is_free:
         fit = with_robust_sd(fit, bench.solved((), fit, sd))

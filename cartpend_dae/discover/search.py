@@ -8,24 +8,34 @@ import numpy as np
 from cartpend_dae.discover.evidence import bic, robust, with_robust_sd
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdict
-from cartpend_dae.discover.regime import find_regime
+from cartpend_dae.discover.regime import best_bandwidth
 from cartpend_dae.discover.screen import candidates, screen
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place
-from cartpend_dae.errors import SolverError
+from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.identify import Fit
 
 # stages of decreasing output injection, in units of the dominant frequency
 STAGES = (5.0, 2.0, 0.7, 0.0)
-# the right effect was among the three best predictions in all trials; close ones are fitted as well, up to five
-SHORTLIST, LONGLIST, CLOSE = 3, 5, 0.3
+# so many of the best predictions are fitted at the first stage, for so many steps, and the best of them to the end
+WIDE, EARLY_STEPS, NARROW = 10, 12, 4
+# predictions below this share of the best one are not fitted
+FAINT = 0.03
+# models whose criterion differs by less than this, or this share of chi2, explain the data alike: the smaller is taken
+ALIKE, ALIKE_SHARE = 10.0, 0.01
+# responses with a larger cosine move the data alike
+PARALLEL = 0.95
 # noise alone: drop of BIC (largest on 90 data sets with nothing missing: 8.6)
 MIN_BIC_GAIN = 20.0
 # with disturbances: share of the cross-validated cost that one effect must explain. On the measured axis EMPS
 # effects that are there explain 58 to 84 % at bandwidths of 30 to 1000 rad/s, imitations of a missing one at most 17 %.
 MIN_SHARE = 0.2
 MIN_T = 5.0
-NEAR = 3.0
+NEAR, FAR_BEHIND = 3.0, 100.0
+# share of the cross-validated cost by which models with disturbances may differ and explain the data alike
+ALIKE_DISTURBED = 1.0
+# so many effects together stand for the whole catalogue where the bandwidth of predictions is sought
+RICH = 4
 _Library = tuple[tuple[Card, ...], tuple[Place, ...]]
 
 
@@ -79,9 +89,15 @@ def search(
         return Search("noise", 0.0, base.fit, gate, base.fit, gate, (), (), "no-discrepancy", False)
     log = _Log()
     rules, start = noise, base
+    library = (cards, places)
     try:
-        rules, start = _settle_regime(bench, base, noise, (cards, places), regime)
-        base = _grow(bench, start, rules, (cards, places), max_steps, log)
+        if regime != "disturbances":
+            base = _grow(bench, start, rules, library, max_steps, log)
+        if regime == "disturbances" or (regime is None and residuals(base.fit).is_passed):
+            # no sum of effects leaves noise alone, so that something else moves the rig as well
+            rules, start = _disturbed(bench, noise, start, log, library)
+            log.steps, log.base = [], None
+            base = _grow(bench, start, rules, library, max_steps, log)
     except KeyboardInterrupt:
         log.is_interrupted, base = True, log.base or start
     last_gate = residuals(base.fit)
@@ -109,17 +125,33 @@ class _Log:
     is_interrupted: bool = False
 
 
-def _settle_regime(
-    bench: Workbench, base: _Base, noise: _Rules, library: _Library, regime: Regime | None
-) -> tuple[_Rules, _Base]:
-    if regime == "noise":
-        return noise, base
-    early = base.fits[noise.screening].point
-    screened = screen(bench, (), early, candidates(*library, ()), noise.screening, noise.sd)
-    found, bandwidth = find_regime(bench, screened, early, noise.sd)
-    if (regime or found) == "noise":
-        return noise, base
+def _disturbed(bench: Workbench, noise: _Rules, base: _Base, log: _Log, library: _Library) -> tuple[_Rules, _Base]:
+    """Weigh by predictions, with the bandwidth with which the most promising effects together predict best."""
+    ranked = [c for c in log.tried.values() if not c.why_not or c.fit is not None]
+    if not ranked:
+        early = base.fits[noise.screening].point
+        screened = screen(bench, (), early, candidates(*library, ()), noise.screening, noise.sd)
+        ranked = [c for c in screened if not c.why_not]
+    rich = _distinct([step.candidate for step in log.steps] + ranked)[:RICH]
+    bandwidth = best_bandwidth(bench, rich, base.fits[noise.screening].point, noise.sd)
     return _disturbance_rules(bench, bandwidth, noise.sd)
+
+
+def _distinct(ranked: list[Candidate]) -> list[Candidate]:
+    """Leave out those that move the data as one before them does."""
+    found: list[Candidate] = []
+    for candidate in ranked:
+        if not any(_are_parallel(candidate, other) for other in found):
+            found.append(candidate)
+    return found
+
+
+def _are_parallel(one: Candidate, other: Candidate) -> bool:
+    if one.insertion.prefix == other.insertion.prefix:
+        return True
+    if one.response is None or other.response is None or one.response.size != other.response.size:
+        return False
+    return abs(float(one.response @ other.response)) > PARALLEL
 
 
 def _grow(bench: Workbench, base: _Base, rules: _Rules, library: _Library, max_steps: int, log: _Log) -> _Base:
@@ -180,7 +212,7 @@ def _base_of(bench: Workbench, taken: tuple[Insertion, ...], winner: Candidate, 
     together = (*taken, winner.insertion)
     if rules.regime == "disturbances":
         return _Base(together, {rules.screening: winner.fit})
-    early = bench.fit(together, winner.fit.point, (rules.screening,), rules.sd)
+    early = bench.fit(together, winner.fit.point, (rules.screening,), rules.sd, winner.parameters)
     return _Base(together, {rules.screening: early, 0.0: winner.fit})
 
 
@@ -188,28 +220,61 @@ def _try_all(bench: Workbench, base: _Base, rules: _Rules, options: list[Inserti
     """Screen all, fit the most promising, and judge; the accepted one, if any, comes first."""
     screened = screen(bench, base.taken, base.fits[rules.screening].point, options, rules.screening, rules.sd)
     possible = [c for c in screened if not c.why_not]
-    close = [c for c in possible[SHORTLIST:LONGLIST] if c.predicted > CLOSE * possible[0].predicted]
-    shortlist = possible[:SHORTLIST] + close
     rest = [c for c in screened if c.why_not]
-    rest += [replace(c, why_not="others promise more") for c in screened if not c.why_not and c not in shortlist]
+    wide = [c for c in possible[:WIDE] if c.predicted > FAINT * possible[0].predicted]
+    rest += [replace(c, why_not="others promise more") for c in possible if c not in wide]
+    early: list[tuple[float, Candidate]] = []
+    for candidate in wide:
+        try:
+            early.append(_tried(bench, base, rules, candidate))
+        except (SolverError, ModelError) as error:
+            rest.append(replace(candidate, why_not=f"its fit failed: {error}"))
+    early.sort(key=lambda pair: pair[0])
+    rest += [replace(c, why_not="others explain more at the first stage") for _, c in early[NARROW:]]
     fitted = []
-    for candidate in shortlist:
+    for _, candidate in early[:NARROW]:
         try:
             fitted.append(_judge(bench, base, rules, candidate))
-        except SolverError as error:
+        except (SolverError, ModelError) as error:
             rest.append(replace(candidate, why_not=f"its fit failed: {error}"))
-    fitted.sort(key=lambda c: -c.gain)
-    if fitted and not fitted[0].why_not:
-        first = fitted[0]
-        fitted[1:] = [replace(c, why_not=c.why_not or f"`{first.insertion.prefix}` explains more") for c in fitted[1:]]
-    return fitted + rest
+    return _ordered(fitted, rules) + rest
+
+
+def _tried(bench: Workbench, base: _Base, rules: _Rules, candidate: Candidate) -> tuple[float, Candidate]:
+    """Fit a candidate at the stage of screening, roughly; return the criterion there, and what it starts from next."""
+    together = (*base.taken, candidate.insertion)
+    guess = base.fits[rules.screening].point | candidate.parameters
+    hints = candidate.parameters
+    fit = bench.fit(together, guess, (rules.screening,), rules.sd, hints, max_steps=EARLY_STEPS)
+    return bic(fit), replace(candidate, fit=fit)
+
+
+def _ordered(fitted: list[Candidate], rules: _Rules) -> list[Candidate]:
+    """Put the one to take first: of those that explain the data alike, the one with the fewest parameters."""
+    fitted = sorted(fitted, key=lambda c: (bool(c.why_not), -c.gain))
+    good = [c for c in fitted if not c.why_not]
+    if not good:
+        return fitted
+    best = good[0]
+    assert best.fit is not None
+    margin = max(ALIKE, ALIKE_SHARE * best.fit.chi2) if rules.regime == "noise" else ALIKE_DISTURBED
+    alike = [c for c in good if best.gain - c.gain < margin]
+    first = min(alike, key=lambda c: (len(c.insertion.parameter_names), -c.gain))
+    others = [replace(c, why_not=c.why_not or _second(c, first)) for c in fitted if c is not first]
+    return [first, *others]
+
+
+def _second(candidate: Candidate, first: Candidate) -> str:
+    explains = "explains as much with fewer parameters" if candidate.gain > first.gain else "explains more"
+    return f"`{first.insertion.prefix}` {explains}"
 
 
 def _judge(bench: Workbench, base: _Base, rules: _Rules, candidate: Candidate) -> Candidate:
+    """Fit a candidate to the end and say whether it is worth its parameters."""
     together = (*base.taken, candidate.insertion)
-    guess = base.fits[rules.screening].point | candidate.parameters
+    assert candidate.fit is not None
     stages = (rules.screening,) if rules.regime == "disturbances" else (rules.screening, 0.0)
-    fit = bench.fit(together, guess, stages, rules.sd, candidate.parameters)
+    fit = bench.fit(together, candidate.fit.point, stages, rules.sd, candidate.parameters)
     parameters = {name: fit.values[name] for name in candidate.insertion.parameter_names}
     if rules.regime == "noise":
         gain, t = bic(base.fit) - bic(fit), _white_t(fit, candidate.insertion)
@@ -222,7 +287,8 @@ def _judge(bench: Workbench, base: _Base, rules: _Rules, candidate: Candidate) -
             why = f"it explains {gain:.1f} % of the cross-validated cost, less than {100 * MIN_SHARE:g} %"
         elif abs(t) < MIN_T:
             why = f"its size differs between parts of the data: {abs(t):.1f} jackknife sds from zero"
-    if any(e.status == "at-bound" for e in fit.parameters if e.name in parameters):
+    sizes = [e.status == "at-bound" for e in fit.parameters if e.name in candidate.insertion.size_names]
+    if sizes and all(sizes):
         why = "its parameter ends on its bound, where it has no effect"
     return replace(candidate, parameters=parameters, gain=gain, t=t, fit=fit, why_not=why)
 
@@ -242,13 +308,21 @@ def _disturbed_gain(
 
 
 def _aliases(winner: Candidate, ranked: list[Candidate]) -> tuple[str, ...]:
-    """Return what the data cannot tell from the winner: places that move alike, effects as good within NEAR."""
+    """Return what the data cannot tell from the winner: places that move alike, effects as good, or that act alike.
+
+    An effect with the same number of parameters whose criterion is within NEAR is as good; one that moves the data in
+    the same direction acts alike, unless its own fit was clearly worse.
+    """
     same = [f"{winner.insertion.card.id} at {place}" for place in winner.insertion.place.same_motion]
-    close = [
-        f"{other.insertion.card.id} at {other.insertion.place.at}"
-        for other in ranked[1:]
-        if other.fit is not None and winner.gain - other.gain < NEAR
-    ]
+    close = []
+    for other in ranked:
+        if other.insertion.prefix == winner.insertion.prefix:
+            continue
+        is_fitted = other.fit is not None and other.gain != 0.0
+        is_as_good = is_fitted and abs(winner.gain - other.gain) < NEAR
+        is_worse = is_fitted and winner.gain - other.gain > FAR_BEHIND
+        if is_as_good or (_are_parallel(winner, other) and not is_worse):
+            close.append(f"{other.insertion.card.id} at {other.insertion.place.at}")
     return (*same, *close)
 
 
@@ -276,11 +350,13 @@ def _swap(
 
     The first effect chosen soaks up a part of those still missing, and may be the wrong one of two alike.
     """
+    cards, places = library
     for old in list(steps[:-1]):
+        here = tuple(place for place in places if place.at == old.candidate.insertion.place.at)
         others = [s for s in steps if s is not old]
         fewer = tuple(s.candidate.insertion for s in others)
         without = _fit_base(bench, fewer, base.fits[rules.screening].point, rules)
-        ranked = _try_all(bench, without, rules, candidates(*library, fewer))
+        ranked = _try_all(bench, without, rules, candidates(cards, here, fewer))
         best = ranked[0] if ranked else None
         if best is None or best.why_not or best.fit is None or best.insertion.prefix == old.candidate.insertion.prefix:
             continue
