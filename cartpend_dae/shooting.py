@@ -111,6 +111,11 @@ def sensitivities(
         Bandwidth of the output injection of each output [rad/s].
     data
         The samples, see `stack_data`.
+
+    Raises
+    ------
+    SolverError
+        If the simulation, or its derivatives, diverge.
     """
     layout = problem.layout
     n_x, n_p, n_y, m = layout.n_state, len(layout.slots), len(layout.outputs), layout.n_segments
@@ -118,6 +123,8 @@ def sensitivities(
     seeds = np.hstack([np.eye(n_x), np.zeros((n_x, n_p))]).ravel(order="F")
     packed = np.vstack([carried_on(problem, values, w), nodes, np.tile(seeds[:, None], m)])
     after, rows = (np.asarray(part) for part in problem.functions.rows.map(m)(packed, data))
+    if not (np.all(np.isfinite(after)) and np.all(np.isfinite(rows))):
+        raise SolverError(f"{problem.system.name} cannot be differentiated along its simulation: it diverges.")
     ends = after[-n_x * size :, layout.length - 1 :: layout.length]
     begin = dict(zip(layout.first, start_slopes(problem, values), strict=True))
     slope = np.zeros((n_x, values.size))

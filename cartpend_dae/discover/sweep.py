@@ -25,6 +25,8 @@ from cartpend_dae.transcribe import sample_step, stack_data
 
 # share of itself by which df/ds may change between two samples for the mean of both ends to be good
 ROUGH = 0.5
+# sensitivities beyond this are those of an effect whose own states ran away
+LOST = 1e60
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +97,8 @@ def _roughness(growth: "_Growth") -> np.ndarray:
         change = np.sqrt(np.mean((growth.right - growth.left) ** 2, axis=0))
         whole = np.sqrt(np.mean(growth.left**2, axis=0))
         ratio = np.where(whole > 0, change / np.maximum(whole, 1e-300), 0.0).max(axis=0)
-    return np.where(np.isfinite(ratio), ratio, np.inf)
+        size = np.abs(growth.left).max(axis=(0, 1)) + np.abs(growth.outputs).max(axis=(0, 1))
+    return np.where(np.isfinite(ratio) & (size < LOST), ratio, np.inf)
 
 
 def _sliding(system: System, options: tuple[Insertion, ...]) -> System:
@@ -105,16 +108,16 @@ def _sliding(system: System, options: tuple[Insertion, ...]) -> System:
     others = [i for i in range(len(f.places)) if i not in mine]
     if not mine:
         return system
-    slide, force = _sliding_force(f)[mine], f.force[mine]
+    slide, force = _sliding_force(f)[mine, 0], f.force[mine, 0]
     # the level of one may depend on the force of another, which is nothing at first order
     slide = ca.substitute(slide, force, ca.SX.zeros(len(mine)))
     parts = [system.ode, system.alg, system.outputs, system.initials.residual, system.invariants]
     ode, alg, outputs, initials, invariants = ca.substitute(parts, [force], [slide])
-    laws = [law[others] for law in f.laws]
+    laws = [law[others, 0] for law in f.laws]
     kept = replace(
         f,
         places=tuple(f.places[i] for i in others),
-        force=f.force[others],
+        force=f.force[others, 0],
         speed=laws[0],
         level_pos=laws[1],
         level_neg=laws[2],
@@ -252,6 +255,14 @@ class _Growth:
     right: np.ndarray
     outputs: np.ndarray
 
+    def where_finite(self) -> "_Growth":
+        """Return the same with zeros for the sizes whose effects are lost somewhere."""
+        parts = (self.left, self.right, self.outputs)
+        lost = ~np.all(
+            [np.isfinite(part).all(axis=(0, 1)) & (np.abs(part) < LOST).all(axis=(0, 1)) for part in parts], axis=0
+        )
+        return _Growth(*(np.where(lost, 0.0, part) for part in parts))
+
 
 def _growth(
     problem: Problem,
@@ -265,10 +276,10 @@ def _growth(
     """Evaluate how fast each size would move the states, and how it would change the outputs."""
     s, layout = system, problem.layout
     own = [i for i in range(s.x.numel()) if i not in inside]
-    sizes = s.p[[s.parameter_index(name) for name in names]]
+    sizes = s.p[[s.parameter_index(name) for name in names], 0]
     # a friction of the model that is one with those of effects slides at a level that their sizes change
     ode, alg, outputs = ca.substitute(
-        [s.ode[own, 0], s.alg, s.outputs[list(layout.outputs)]], [s.frictions.force], [_sliding_force(s.frictions)]
+        [s.ode[own, 0], s.alg, s.outputs[list(layout.outputs), 0]], [s.frictions.force], [_sliding_force(s.frictions)]
     )
     slope, output_slope = ca.jacobian(ode, sizes), ca.jacobian(outputs, sizes)
     if s.z.numel():
@@ -307,6 +318,7 @@ def _gathered(
     weight = data[-n_y:].T
     start = dict(zip(layout.first, start_slopes(problem, values), strict=True))
     own = [i for i in range(problem.layout.n_state) if i not in inside]
+    growth = growth.where_finite()
     eta = np.zeros((n_state, n_all + n_sizes))
     columns = np.zeros((n, n_y, n_all + n_sizes))
     owners = layout.owners[layout.runs]
