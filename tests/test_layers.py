@@ -59,7 +59,7 @@ LAYERS = """
     programme
     problem
     shooting
-    directions residual_noise
+    directions residual_noise piece_scatter
     uncertainty
     identify
     assess
