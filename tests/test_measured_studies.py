@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from cartpend_dae.data import load_experiment
+from cartpend_dae.effects import catalogue
 from cartpend_dae.problem import free_parameter, make_problem
 from cartpend_dae.report.result import identification_of
 from cartpend_dae.session import identify_study, open_study
@@ -39,6 +40,16 @@ def errors(study):
     fit = identify_study(opened)
     runs = identification_of(opened, fit).errors.runs
     return fit, {run.name: next(iter(run.outputs.values())).rmse for run in runs}
+
+
+MEASURED = sorted(path for path in STUDIES.glob("*.toml") if "CARTPEND_DATA" in path.read_text())
+
+
+@pytest.mark.parametrize("path", MEASURED, ids=lambda path: path.stem)
+def test_study_passes_its_check_and_leaves_the_search_all_effects(data_dir, path):
+    study = open_study(path)
+    assert study.places is None and len(study.cards) == len(catalogue())
+    assert study.setup.train and (study.setup.test or path.stem.endswith("_whole"))
 
 
 def test_silverbox_is_as_wrong_as_any_linear_model(data_dir):

@@ -8,6 +8,7 @@ from scipy.stats import norm, t
 from test_estimation_problem import D, release
 
 from cartpend_dae import assemble
+from cartpend_dae.assess import assess
 from cartpend_dae.identify import estimate
 from cartpend_dae.pieces import cut
 from cartpend_dae.problem import free_parameter, make_problem
@@ -83,3 +84,18 @@ def test_without_pieces_nothing_changes(monkeypatch):
     monkeypatch.setattr("cartpend_dae.uncertainty.with_piece_scatter", lambda *given: given[-1])
     again = fitted(system, (run, replace(release(0.4, seed=1), name="b"), replace(release(0.3, seed=2), name="c")))
     np.testing.assert_array_equal(sd.covariance, again.covariance)
+
+
+def test_errors_of_a_run_in_pieces_are_those_of_its_pieces():
+    """Each piece has a start of its own: what is predicted is what was measured less the residuals of the fit."""
+    system, run = assemble(RotaDamp()), drifting()
+    values = run.outputs["bearing.phi"].values.copy()
+    values[150:160] = np.nan
+    run = replace(run, outputs={"bearing.phi": replace(run.outputs["bearing.phi"], values=values)})
+    fit = fitted(system, (run,))
+    (found,) = assess(system, fit, (run,)).runs
+    known = np.isfinite(values)
+    # the starts alone are fitted again, and end where they were to the solver's tolerance
+    np.testing.assert_allclose(found.predicted[known], (values[:, None] - fit.runs[0].residual)[known], atol=1e-6)
+    assert np.isfinite(found.predicted).all()
+    assert found.outputs["bearing.phi"].rmse == pytest.approx(fit.noise_sd[0], rel=1e-3)
