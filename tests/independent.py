@@ -3,7 +3,7 @@
 Runge-Kutta of order four at a small fixed step while the sign of the friction holds. A step in which the
 speed changes its sign is cut by bisection where the speed is zero; there the body stays for good if friction
 can hold it, and else goes on the other way. Pendulum and cart have no driving force, so what has come to rest
-stays at rest; the motor starts again in the first step in which its current can move it.
+stays at rest; the motor starts again when its current can move it.
 """
 
 import math
@@ -141,8 +141,6 @@ def dc_motor(
     for k, u in enumerate(voltage.tolist()):
         found[k] = i, w
         for _ in range(substeps):
-            if not sign:
-                sign = _way(constant * i, coulomb)
             i, w, sign = _motor_step(rates, lambda i: _way(constant * i, coulomb), (u, i, w, sign), h)
     current, speed = found.T
     times = sample * np.arange(len(voltage))
@@ -220,21 +218,22 @@ def _motor_step(
     now: tuple[float, float, float, float],
     h: float,
 ) -> tuple[float, float, float]:
-    """Advance voltage, current, speed and sign by h; from a stop on, found by bisection, go the way of the current."""
+    """Advance voltage, current, speed and sign by h; from a stop or a release on, go the way of the current."""
     u, i, w, sign = now
     i_next, w_next = _two_states(rates, u, i, w, sign, h)
-    if w_next * sign >= 0:
+    if sign and w_next * sign >= 0 or not sign and not way(i_next):
         return i_next, w_next, sign
     early, late = 0.0, h
     for _ in range(50):
         middle = (early + late) / 2
-        if _two_states(rates, u, i, w, sign, middle)[1] * sign > 0:
+        i_middle, w_middle = _two_states(rates, u, i, w, sign, middle)
+        if (w_middle * sign > 0) if sign else not way(i_middle):
             early = middle
         else:
             late = middle
-    i_stop, _ = _two_states(rates, u, i, w, sign, late)
-    sign = way(i_stop)
-    return *_two_states(rates, u, i_stop, 0.0, sign, h - late), sign
+    i_turn, _ = _two_states(rates, u, i, w, sign, late)
+    sign = way(i_turn)
+    return *_two_states(rates, u, i_turn, 0.0, sign, h - late), sign
 
 
 def _two_states(

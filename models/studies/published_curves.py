@@ -1,8 +1,9 @@
 """The published curves of the sum of squared errors, by sweep and by estimation.
 
 ``python models/studies/published_curves.py [FOLDER]`` writes pendulum.png and cart.png, by default to
-`published-curves` where it is called. The published study found its parameters by sweeping one after the other by hand and looking for the lowest
-sum; the estimation finds all at once, and must end where each swept curve through its point is lowest.
+`published-curves` where it is called. The published study found its parameters by sweeping one after the other by hand
+and looking for the lowest sum; the estimation finds all at once, and must end where each swept curve through its point
+is lowest.
 """
 
 import sys
