@@ -221,7 +221,7 @@ def _motor_step(
     """Advance voltage, current, speed and sign by h; from a stop or a release on, go the way of the current."""
     u, i, w, sign = now
     i_next, w_next = _two_states(rates, u, i, w, sign, h)
-    if sign and w_next * sign >= 0 or not sign and not way(i_next):
+    if (sign and w_next * sign >= 0) or (not sign and not way(i_next)):
         return i_next, w_next, sign
     early, late = 0.0, h
     for _ in range(50):
