@@ -319,7 +319,7 @@ WRONG_STUDIES = {
     ),
     "name error in the equations": (
         change("self.ground.flange, self", "self.floor.flange, self", "rota_damp.py"),
-        "rota_damp.py:19, `yield connect(self.floor.flange, self",
+        "rota_damp.py:22, `yield connect(self.floor.flange, self",
     ),
     "equation too many": (
         change("yield initial(self.bearing.w == 0)", "yield self.bearing.w == 0", "rota_damp.py"),

@@ -63,7 +63,7 @@ LAYERS = """
     programme
     problem
     shooting
-    directions residual_noise
+    directions residual_noise piece_scatter
     uncertainty weak
     identify
     assess
