@@ -13,6 +13,7 @@ MAX_LINES = 400
 
 LAYERS = """
     errors units graph explicit
+    parallel
     explain linear compiled along
     quantities collector
     declarations switching
@@ -59,12 +60,14 @@ LAYERS = """
     programme
     problem
     shooting
-    directions residual_noise
+    directions residual_noise gauss_newton
     uncertainty
     identify
+    starting likelihood bootstrap bands
     assess
     effects
     discover
+    multistart
     session
     report.text
     plots animate
