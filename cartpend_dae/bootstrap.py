@@ -1,7 +1,7 @@
 """Bootstrap: the estimates on data made anew from the fit, with noise drawn from its model or from its residuals."""
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from enum import StrEnum
 
 import numpy as np
 from scipy import signal
@@ -13,7 +13,14 @@ from cartpend_dae.parallel import in_parallel
 from cartpend_dae.pieces import run_of
 from cartpend_dae.problem import Problem
 
-Kind = Literal["parametric", "block"]
+
+class Kind(StrEnum):
+    """Where the noise of data made anew comes from."""
+
+    parametric = "parametric"
+    block = "block"
+
+
 # samples before the first, in which coloured noise comes to its steady state, over its memory
 SETTLING = 10
 
@@ -39,7 +46,7 @@ def bootstrap(
     fit: Fit,
     number: int,
     *,
-    kind: Kind = "parametric",
+    kind: Kind = Kind.parametric,
     block: int | None = None,
     seed: int = 0,
     jobs: int = 1,
@@ -82,7 +89,7 @@ def bootstrap(
             "through the observer. Its standard deviations are those of the block jackknife."
         )
     shortest = min(run.time.size for run in fit.runs)
-    length = None if kind == "parametric" else block or _block_length(fit, shortest)
+    length = None if kind is Kind.parametric else block or _block_length(fit, shortest)
     if length is not None and not 1 <= length <= shortest:
         raise ModelError(f"A block of {length} samples does not fit into the shortest run of {shortest}.")
 

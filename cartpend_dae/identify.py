@@ -94,6 +94,7 @@ def estimate(
     guess: Mapping[str, float] | None = None,
     observer: float | None = None,
     sd: np.ndarray | None = None,
+    patient: bool = True,
 ) -> Fit:
     """Solve the estimation problem by Gauss and Newton's method, and by IPOPT where that does not get there.
 
@@ -109,6 +110,8 @@ def estimate(
         Bandwidth with which the start states of the segments are filtered from the data [rad/s]; chosen if None.
     sd
         Noise of each output used as weight, shape (n_y,); from the raw data if None.
+    patient
+        False leaves it at Gauss and Newton's method, where another way may be tried next.
 
     Raises
     ------
@@ -124,7 +127,7 @@ def estimate(
     follow = observer if observer is not None else max(bandwidth, dominant_frequency(problem.experiments) * 5)
     nodes = filtered_nodes(problem, values, np.full_like(w, follow), data)
     found = gauss_newton(problem, values, nodes, w, data)
-    if not found.success:
+    if patient and not found.success:
         found = interior_point(problem, values, nodes, w, data)
     return _outcome(problem, found, w, data, weights_sd)
 

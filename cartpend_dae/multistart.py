@@ -80,7 +80,7 @@ def _fit(bench: Workbench, point: Mapping[str, float], sd: np.ndarray) -> Fit:
         fit = bench.fit((), point, (best_bandwidth(bench, sd),), sd)
         return with_robust_sd(fit, bench.solved((), fit, sd))
     try:
-        direct = bench.fit((), point, (0.0,), sd)
+        direct = bench.fit((), point, (0.0,), sd, patient=False)
     except SolverError:
         direct = None
     if direct is not None and direct.success and not residuals(direct).is_passed:

@@ -63,15 +63,18 @@ LAYERS = """
     directions residual_noise gauss_newton
     uncertainty
     identify
-    starting likelihood bootstrap bands
+    starting likelihood bootstrap bands excitation
+    experiment_design
     assess
     effects
     discover
     multistart
     session
+    planning
     report.text
     plots animate
     report
+    console
     cli
     __main__
 """

@@ -84,14 +84,16 @@ class Workbench:
         bandwidths: tuple[float, ...],
         sd: np.ndarray,
         hints: Mapping[str, float] | None = None,
+        *,
+        patient: bool = True,
     ) -> Fit:
-        """Fit along decreasing output injection, each stage from the last."""
+        """Fit along decreasing output injection, each stage from the last; `patient` as of `estimate`."""
         problem = self.problem(insertions, hints)
         label = " + ".join(insertion.prefix for insertion in insertions) or "baseline"
         point = dict(guess)
         fit: Fit | None = None
         for bandwidth in bandwidths:
-            fit = estimate(problem, bandwidth=bandwidth, guess=point, sd=sd)
+            fit = estimate(problem, bandwidth=bandwidth, guess=point, sd=sd, patient=patient)
             self.report(f"fit at {bandwidth:.3g} rad/s", label, float(np.sqrt(fit.chi2 / fit.n_residuals)))
             point = fit.point
         assert fit is not None
