@@ -7,6 +7,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from cartpend_dae.errors import ModelError, SolverError
+from cartpend_dae.gauss_newton import bounds
 from cartpend_dae.identify import Fit
 from cartpend_dae.problem import Problem, dominant_frequency
 from cartpend_dae.shooting import filtered_nodes, scaled_values, sensitivities
@@ -19,6 +20,8 @@ INSIDE = 0.01
 DECADE = 10.0
 # what a change of a parameter by its whole size does to no sample [noise sd]
 UNSEEN = 1e-9
+# shares of the guesses at which a parameter may reach an output
+SMALLER = (1.0, 0.1, 0.01, 0.001)
 # optima are the same where their costs and all parameters agree so far [noise sd, parameter sd]
 SAME_COST, SAME_VALUE = 0.1, 0.1
 
@@ -55,34 +58,39 @@ def off_the_bounds(free: tuple[Free, ...]) -> tuple[tuple[Free, ...], tuple[str,
 def check_reach(problem: Problem) -> None:
     """Refuse parameters that do not change any measured sample; those with prior knowledge are left alone.
 
-    The sensitivities are taken along the measured motion, so that a guess of friction that would hold the model at
-    rest does not hide the others.
+    The sensitivities are those of predictions along the measured motion, so that a model that sticks at its guesses
+    does not hide the others; and what nothing depends on at the guesses is tried at smaller ones, for dry friction that
+    stops every motion within a sample reaches nothing, however large.
 
     Raises
     ------
     ModelError
         Naming all of them.
     """
-    sd = problem.prior_sd
-    data = stack_data(problem.layout, problem.experiments, 1.0 / sd)
-    values = scaled_values(problem, {})
-    w = np.full(len(problem.outputs), 5 * dominant_frequency(problem.experiments))
-    nodes = filtered_nodes(problem, values, w, data)
-    slopes = np.abs(sensitivities(problem, values, nodes, 0 * w, data).slopes)
-    slopes[data[-len(problem.outputs) :].T == 0] = 0.0
-    largest = slopes.max(axis=(0, 1), initial=0.0)
-    unseen = [
-        item.name
-        for item, slope in zip(problem.layout.free, largest, strict=False)
-        if item.prior is None and slope < UNSEEN
-    ]
+    unseen = [item for item in problem.layout.free if item.prior is None]
+    for factor in SMALLER:
+        if unseen:
+            reach = _reach(problem, {item.name: factor * item.guess for item in problem.layout.free})
+            unseen = [item for item in unseen if reach[item.name] < UNSEEN]
     if unseen:
-        listing = ", ".join(f"`{name}`" for name in unseen)
+        listing = ", ".join(f"`{item.name}`" for item in unseen)
         word, they = ("parameter", "it") if len(unseen) == 1 else ("parameters", "them")
         raise ModelError(
             f"The {word} {listing} of {problem.system.name} cannot be estimated: no measured sample depends on {they}. "
             f"Fix {they} (`fixed = true`), give a `prior`, or measure an output that depends on {they}."
         )
+
+
+def _reach(problem: Problem, point: Mapping[str, float]) -> dict[str, float]:
+    """Return by how many noise sds a change of each parameter by its size moves the sample that it moves most."""
+    data = stack_data(problem.layout, problem.experiments, 1.0 / problem.prior_sd)
+    values = np.clip(scaled_values(problem, point), *bounds(problem))
+    w = np.full(len(problem.outputs), 5 * dominant_frequency(problem.experiments))
+    nodes = filtered_nodes(problem, values, w, data)
+    slopes = np.abs(sensitivities(problem, values, nodes, w, data).slopes)
+    slopes[data[-len(problem.outputs) :].T == 0] = 0.0
+    largest = slopes.max(axis=(0, 1), initial=0.0)
+    return {item.name: float(slope) for item, slope in zip(problem.layout.free, largest, strict=False)}
 
 
 def start_points(free: tuple[Free, ...], number: int, seed: int) -> list[dict[str, float]]:

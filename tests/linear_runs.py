@@ -5,7 +5,7 @@ import numpy as np
 
 from cartpend_dae import Component, Statements, assemble, connect, initial
 from cartpend_dae.data import Channel, Experiment, Start
-from cartpend_dae.library import rotational, translational
+from cartpend_dae.library import rotational, translational, translational_sources
 from cartpend_dae.problem import free_parameter, make_problem
 
 FORCE, SD = 0.8, 0.01
@@ -15,7 +15,7 @@ class Pushed(Component):
     """A mass of 2 kg pushed by a constant force, s = s_0 + f t^2/4: linear in what is estimated."""
 
     def __post_init__(self) -> None:
-        self.push, self.mass = translational.ConstantForce(f_constant=FORCE), translational.Mass(m=2.0)
+        self.push, self.mass = translational_sources.ConstantForce(f_constant=FORCE), translational.Mass(m=2.0, L=0.1)
 
     def equations(self) -> Statements:
         yield connect(self.push.flange, self.mass.flange_a)

@@ -1,11 +1,13 @@
 """Experiment design against closed forms: what an integrator's output says of its gain, and of a drift beside it."""
 
+import inspect
 import json
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from cartpend_dae import Component, ModelError, Statements, assemble, der, initial, param, signal, var
+from cartpend_dae import Component, ModelError, Statements, assemble, cli, der, initial, param, signal, var
 from cartpend_dae.experiment_design import Plan, candidates, nothing_known, rank
 from cartpend_dae.language import Param
 from cartpend_dae.problem import free_parameter
@@ -81,13 +83,15 @@ def test_only_the_weak_parameters_count():
     system, before = known("k", "b")
     ranking = rank(system, before, plan(), weak=["b"])
     assert ranking.weak == ("b",)
-    with pytest.raises(ModelError, match="`c` is not estimated.*`k`, `b`"):
+    with pytest.raises(ModelError, match=r"`c` is not estimated.*`k`, `b`"):
         rank(system, before, plan(), weak=["c"])
 
 
 def test_a_limit_of_what_is_no_input_is_refused():
     system, before = known("k")
-    with pytest.raises(ModelError, match="`design.max` names `x`; expected an input or a state of the model: `u`, `y`"):
+    with pytest.raises(
+        ModelError, match=r"`design\.max` names `x`; expected an input or a state of the model: `u`, `y`"
+    ):
         rank(system, before, Plan({"x": 1.0}, {"y": SD}, 5.0, 20.0, 0.4, 2.0))
 
 
@@ -114,17 +118,16 @@ noise = { y = 0.1 }
 """
 
 
-def test_the_command_ranks_at_the_guesses_without_runs(tmp_path, command):
-    import inspect
-
+def test_the_command_ranks_at_the_guesses_without_runs(tmp_path):
     source = "from cartpend_dae import Component, Param, Statements, der, initial, param, signal, var\n\n\n"
     (tmp_path / "model.py").write_text(source + inspect.getsource(Integrator))
     (tmp_path / "study.toml").write_text(STUDY)
-    done = command("design", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out"))
+    command = ["design", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(cli.app, command)
     assert done.exit_code == 0, done.output
     result = json.loads((tmp_path / "out" / "design.json").read_text())
     assert result["weak"] == ["k", "b"] and len(result["candidates"]) == 8
     assert f"best by the volume of confidence (D) is: {result['candidates'][0]['name']}" in done.output
     (tmp_path / "study.toml").write_text(STUDY.replace("noise = { y = 0.1 }", ""))
-    done = command("design", str(tmp_path / "study.toml"))
+    done = CliRunner().invoke(cli.app, command)
     assert done.exit_code == 2 and "needs `noise" in done.output

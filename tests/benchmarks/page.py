@@ -12,7 +12,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 RESULTS = HERE / "results"
-SECTIONS = ("scale", "simulate")
+SECTIONS = ("scale", "simulate", "identify")
 
 
 def record(name, results):
