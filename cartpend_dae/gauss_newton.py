@@ -21,6 +21,8 @@ from cartpend_dae.shooting import carried_on, start_slopes, start_states
 # of the cost, half a sum of squares in standard deviations: what a step still promises at the end, and what is enough
 # where the kinks of dry friction keep it from being reached (0.015 standard deviations)
 DONE, ENOUGH = 1e-9, 1e-4
+# of the whole cost: rounding, below which nothing can be promised
+ROUNDING = 1e-12
 ITERATIONS, HALVINGS = 50, 10
 ARMIJO = 1e-4
 # curvature relative to the largest below which a direction is left where it is
@@ -105,9 +107,9 @@ def gauss_newton(
         penalty = np.maximum(penalty, 2 * np.abs(step.multipliers))
         promised = step.decrease + float(np.sum(penalty * np.abs(point.defects)))
         size = 1e-300 + np.abs(point.nodes).max(axis=1, keepdims=True, initial=0.0)
-        if promised < DONE and np.all(np.abs(point.defects) < 1e-7 * size):
+        if promised < DONE + ROUNDING * point.cost and np.all(np.abs(point.defects) < 1e-7 * size):
             last = _evaluated(work, point.values + step.values, point.nodes + step.nodes)
-            best = last if last.merit(penalty) <= point.merit(penalty) + DONE else point
+            best = last if last.merit(penalty) <= point.merit(penalty) + DONE + ROUNDING * point.cost else point
             return Solution(best.values, best.nodes, best.cost, True, "Solve_Succeeded", iteration + 1)
         found = _searched(work, point, step, penalty, promised)
         if found is None:

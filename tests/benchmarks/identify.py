@@ -59,7 +59,8 @@ def rig(case, peers, folder):
     found["truth"][f"run:{case.measured}"] = case.start
     found |= {"noise": float(np.sqrt(np.mean(noise**2))), "peers": {}}
     for name, python in (("scipy", sys.executable), ("gekko", peers)):
-        found["peers"][name] = child(python, HERE / "fit" / f"with_{name}.py", case.name, folder / "run.csv")
+        script, log = HERE / "fit" / f"with_{name}.py", folder / "run.csv"
+        found["peers"][name] = child(python, script, case.name, log, *case.truth.values())
     return found
 
 

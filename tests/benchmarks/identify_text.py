@@ -87,8 +87,8 @@ def _estimates(name, entry):
 def _chain(entry):
     ours = entry["ours"]
     return [
-        f"The chain: three masses with springs and dampers, 6 states, {len(entry['truth'])} parameters 30 % off, 4 runs, "
-        f"{ours['samples']:,} samples of three positions: {ours['first']['wall']:.1f} s, of the processor "
+        f"The chain: three masses with springs and dampers, 6 states, {len(entry['truth'])} parameters 30 % off, "
+        f"4 runs, {ours['samples']:,} samples of three positions: {ours['first']['wall']:.1f} s, of the processor "
         f"{ours['first']['processor']:.1f} s, and {ours['memory']:.0f} MB in all."
     ]
 
