@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
@@ -56,6 +57,9 @@ def rig(case, peers, folder):
     noise = case.noise * np.random.default_rng(0).standard_normal(times.size)
     study = case.write(folder, times, clean + noise)
     found = {"ours": child(sys.executable, HERE / "fit" / "ours.py", study), "truth": dict(case.truth)}
+    (near := folder / "near").mkdir(exist_ok=True)
+    close = replace(case, guess={name: 1.02 * value for name, value in case.truth.items()})
+    found["near"] = child(sys.executable, HERE / "fit" / "ours.py", close.write(near, times, clean + noise))
     found["truth"][f"run:{case.measured}"] = case.start
     found |= {"noise": float(np.sqrt(np.mean(noise**2))), "peers": {}}
     for name, python in (("scipy", sys.executable), ("gekko", peers)):

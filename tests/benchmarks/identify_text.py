@@ -10,6 +10,7 @@ estimated, from guesses that are off by a factor of two. Times are from the stud
 `first` is the first fit of a process, `again` the fastest of three. The peers solve equations by hand, their data in
 memory. An optimum is the same where its sum of squares is within 0.1 % of the lowest."""
 
+NEAR = ", from 2 % off the truth"
 SAME, SECONDS, CHAIN_SECONDS, MEGABYTES = 1e-3, 1.0, 10.0, 2048
 
 
@@ -20,13 +21,13 @@ def section(results):
         "",
         f"Machine: {results['machine']}. {results['version']}, Python {results['python']}, CasADi {results['casadi']}, "
         f"{results['date']}, load average {results['load']:.1f} at the start (the machine was shared: processor time "
-        "is what counts).",
+        "counts, but GEKKO solves in a process of its own, whose time is in the wall time alone).",
         "",
         "| rig | what | sum of squares | wall | processor | same optimum |",
         "|---|---|--:|--:|--:|---|",
     ]
     for name, entry in results["rigs"].items():
-        lines += [*_own(name, entry["ours"]), *_peers(name, entry)]
+        lines += [*_own(name, entry["ours"], ""), *_own(name, entry["near"], NEAR), *_peers(name, entry)]
     lines += ["", "| rig | parameter | truth | estimate | sd | error |", "|---|---|--:|--:|--:|--:|"]
     for name, entry in [*results["rigs"].items(), ("chain", results["chain"])]:
         lines += _estimates(name, entry)
@@ -43,14 +44,14 @@ def section(results):
     ]
 
 
-_NO_PYOMO = (
+_NO_PYOMO = "it installs by pip, and finds neither `ipopt` nor `cyipopt` here, so it was not measured."
     "it installs by pip, but no solver for it does: IPOPT as a program is not on PyPI, and `idaes` downloads it."
 )
 
 
-def _own(name, ours):
+def _own(name, ours, start):
     return [
-        f"| {name} | cartpend_dae, {kind} | {ours['chi2']:.2f} | {ours[key]['wall']:.2f} s | "
+        f"| {name} | cartpend_dae, {kind}{start} | {ours['chi2']:.2f} | {ours[key]['wall']:.2f} s | "
         f"{ours[key]['processor']:.2f} s | yes |"
         for kind, key in (("first", "first"), ("again", "best"))
     ]
@@ -73,6 +74,11 @@ def _peers(name, entry):
 def is_same(run, entry):
     """Return whether a peer ended at our optimum, or lower."""
     return run["chi2"] <= entry["ours"]["chi2"] * (1 + SAME)
+
+
+def _like(kind, entry):
+    """Return our times of the first fit from the same guesses."""
+    return entry["near" if kind.endswith(NEAR) else "ours"]["first"]
 
 
 def _estimates(name, entry):
@@ -105,7 +111,7 @@ def targets(results):
             for peer, runs in entry["peers"].items()
             if "failed" not in runs
             for kind, run in runs.items()
-            if is_same(run, entry) and run["wall"] < ours["first"]["wall"]
+            if is_same(run, entry) and any(run[clock] < _like(kind, entry)[clock] for clock in ("wall", "processor"))
         ]
         lines += [
             _line(f"{name}: estimates within 1 % and 3 sd of the truth", all(r < 0.01 and t < 3 for r, t in errors),
