@@ -116,7 +116,7 @@ def start_points(free: tuple[Free, ...], number: int, seed: int) -> list[dict[st
     first = {item.name: item.guess for item in free}
     if number <= 1 or not free:
         return [first]
-    sobol = qmc.Sobol(len(free), seed=np.random.default_rng(seed))
+    sobol = qmc.Sobol(len(free), rng=np.random.default_rng(seed))
     # a whole power of two points is what makes the sequence even
     shares = sobol.random_base2(int(np.ceil(np.log2(number))))[: number - 1]
     ranges = [_range(item) for item in free]

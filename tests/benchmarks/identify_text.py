@@ -34,7 +34,7 @@ def section(results):
     return [
         *lines,
         "",
-        f"Pyomo: {results['pyomo'] if results['pyomo'] != '[]' else _NO_PYOMO}",
+        _PYOMO.format(results["pyomo"].strip("[]") or "none"),
         "",
         *_chain(results["chain"]),
         "",
@@ -44,8 +44,8 @@ def section(results):
     ]
 
 
-_NO_PYOMO = "it installs by pip, and finds neither `ipopt` nor `cyipopt` here, so it was not measured."
-    "it installs by pip, but no solver for it does: IPOPT as a program is not on PyPI, and `idaes` downloads it."
+_PYOMO = (
+    "Pyomo was not measured: no model of the rigs was written for it. It installs by pip; solvers that it found: {}."
 )
 
 

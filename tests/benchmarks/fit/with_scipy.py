@@ -1,8 +1,8 @@
 """Fit the two rigs by SciPy: `least_squares` around a simulation, with exact sticking or with tanh for the sign.
 
 ``python with_scipy.py CASE RUN.csv TRUTH...`` prints JSON. The equations are those of the rigs by hand, and the bounds
-and guesses those of the studies. Exact sticking: the smooth pieces are solved by DOP853 from stop to stop, found as events;
-at a stop the body stays if friction holds it. With tanh: `solve_ivp` by LSODA, sgn(v) = tanh(v/scale).
+and guesses those of the studies. Exact sticking: the smooth pieces are solved by DOP853 from stop to stop, found as
+events; at a stop the body stays if friction holds it. With tanh: `solve_ivp` by LSODA, sgn(v) = tanh(v/scale).
 Differences are taken over 1e-4 of a parameter: over the default step the error of the simulation would drown them.
 """
 
