@@ -38,7 +38,7 @@ def start_states(problem: Problem, values: np.ndarray) -> list[np.ndarray]:
     ]
 
 
-def _start_slopes(problem: Problem, values: np.ndarray) -> list[np.ndarray]:
+def start_slopes(problem: Problem, values: np.ndarray) -> list[np.ndarray]:
     """Return d(start state)/d(scaled variables) of each run, shape (n_state, n_all)."""
     found = []
     for begin, theta, free in zip(problem.begins, problem.layout.owners, problem.start_places, strict=True):
@@ -119,7 +119,7 @@ def sensitivities(
     packed = np.vstack([carried_on(problem, values, w), nodes, np.tile(seeds[:, None], m)])
     after, rows = (np.asarray(part) for part in problem.functions.rows.map(m)(packed, data))
     ends = after[-n_x * size :, layout.length - 1 :: layout.length]
-    begin = dict(zip(layout.first, _start_slopes(problem, values), strict=True))
+    begin = dict(zip(layout.first, start_slopes(problem, values), strict=True))
     slope = np.zeros((n_x, values.size))
     residuals = rows[:n_y].T
     local = rows[n_y:].T.reshape(-1, size, n_y).transpose(0, 2, 1)
@@ -222,7 +222,7 @@ def normal_equations(
     begin = dict(
         zip(
             layout.first,
-            zip(start_states(problem, values), _start_slopes(problem, values), strict=True),
+            zip(start_states(problem, values), start_slopes(problem, values), strict=True),
             strict=True,
         )
     )

@@ -13,6 +13,7 @@ MAX_LINES = 400
 
 LAYERS = """
     errors units graph explicit
+    parallel
     explain linear compiled along
     quantities collector
     declarations switching
@@ -63,17 +64,21 @@ LAYERS = """
     programme
     problem
     shooting
-    directions residual_noise piece_scatter
+    directions residual_noise gauss_newton piece_scatter
     uncertainty weak
     identify
+    starting likelihood bootstrap bands excitation
+    experiment_design
     assess
     effects
     discover
+    multistart
     session
-    data_report
+    data_report planning
     report.text
     plots animate
     report
+    console
     cli
     __main__
 """

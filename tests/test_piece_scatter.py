@@ -9,8 +9,8 @@ from test_estimation_problem import D, release
 
 from cartpend_dae import assemble
 from cartpend_dae.assess import assess
-from cartpend_dae.identify import estimate
 from cartpend_dae.cuts import cut
+from cartpend_dae.identify import estimate
 from cartpend_dae.problem import free_parameter, make_problem
 from models.rota_damp import RotaDamp
 

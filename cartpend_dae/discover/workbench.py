@@ -20,18 +20,21 @@ Report = Callable[[str, str, float], None]
 
 @dataclass(slots=True)
 class Workbench:
-    """Builds and solves the estimation problems of one study; `report` hears of each fit."""
+    """Builds and solves the estimation problems of one study; `report` hears of each fit.
+
+    `problems` are those made so far, by the effects in them.
+    """
 
     setup: Setup
     report: Report
-    _problems: dict[tuple[str, ...], Problem] = field(default_factory=dict)
+    problems: dict[tuple[str, ...], Problem] = field(default_factory=dict)
 
     def problem(self, insertions: tuple[Insertion, ...], hints: Mapping[str, float] | None = None) -> Problem:
         """Return the problem of the model with effects; `hints` are sizes of the effects' parameters."""
         key = tuple(insertion.prefix for insertion in insertions)
-        if key not in self._problems:
-            self._problems[key] = self.build(insertions, self.setup.train, hints or {})
-        return self._problems[key]
+        if key not in self.problems:
+            self.problems[key] = self.build(insertions, self.setup.train, hints or {})
+        return self.problems[key]
 
     def build(
         self,
@@ -81,14 +84,16 @@ class Workbench:
         bandwidths: tuple[float, ...],
         sd: np.ndarray,
         hints: Mapping[str, float] | None = None,
+        *,
+        patient: bool = True,
     ) -> Fit:
-        """Fit along decreasing output injection, each stage from the last."""
+        """Fit along decreasing output injection, each stage from the last; `patient` as of `estimate`."""
         problem = self.problem(insertions, hints)
         label = " + ".join(insertion.prefix for insertion in insertions) or "baseline"
         point = dict(guess)
         fit: Fit | None = None
         for bandwidth in bandwidths:
-            fit = estimate(problem, bandwidth=bandwidth, guess=point, sd=sd)
+            fit = estimate(problem, bandwidth=bandwidth, guess=point, sd=sd, patient=patient)
             self.report(f"fit at {bandwidth:.3g} rad/s", label, float(np.sqrt(fit.chi2 / fit.n_residuals)))
             point = fit.point
         assert fit is not None

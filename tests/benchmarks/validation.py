@@ -17,6 +17,9 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
+from benchmarks import coverage_text  # noqa: E402
+from benchmarks.page import recorded  # noqa: E402
+
 from cartpend_dae.discover import discover  # noqa: E402
 from cartpend_dae.study_schema import data_folder  # noqa: E402
 
@@ -165,6 +168,8 @@ def main():
         "",
     ]
     (ROOT / "docs" / "validation.md").write_text("\n".join(page))
+    if "coverage" in (found := recorded("coverage")):
+        coverage_text.into(ROOT / "docs" / "validation.md", found["coverage"])
 
 
 if __name__ == "__main__":
