@@ -9,7 +9,7 @@ import numpy as np
 from cartpend_dae.along import AllTimes
 from cartpend_dae.errors import ModelError
 from cartpend_dae.inputs import DrivenInputs
-from cartpend_dae.prepared import once
+from cartpend_dae.prepared import content, once
 from cartpend_dae.system import System
 
 MOST_TIMES = 100_000
@@ -44,15 +44,7 @@ def with_time_events(
     timed = once(system, "time events", None, lambda: _timed(system))
     if not timed.relations:
         return system, grid, driven
-    times = np.concatenate([_crossings(system, relation, p, grid) for relation in timed.relations])
-    inside = np.unique(times[(times > grid[0]) & (times < grid[-1])])
-    close = 1e-12 * max(1.0, float(np.abs(grid).max()))
-    new = inside[np.diff(inside, prepend=-np.inf) > close]
-    new = new[np.abs(grid[_nearest(grid, new)] - new) > close]
-    fine = np.union1d(grid, new) if new.size else grid
-    ends = np.concatenate([grid[:1], inside, grid[-1:]])
-    pieces = timed.decide([0.5 * (ends[:-1] + ends[1:])[None, :], p], inside.size + 1).T
-    rows = pieces[:, np.searchsorted(inside, 0.5 * (fine[:-1] + fine[1:]))]
+    fine, rows = once(system, "grid", content(p, grid), lambda: _decided(system, timed, p, grid))
     return timed.system, fine, _refined(driven, grid, fine, rows)
 
 
@@ -83,6 +75,19 @@ def _timed(system: System) -> _Timed:
     relations = [_Relation(line(s.hybrid.differences[k]), tuple(line(f) for f in fs)) for k, fs in found.items()]
     decide = ca.Function("decide", [s.time, s.p], [s.hybrid.differences[list(found), 0] < 0])
     return _Timed(tuple(relations), AllTimes(decide), _system(s, list(found)) if found else s)
+
+
+def _decided(system: System, timed: _Timed, p: np.ndarray, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a grid with the times at which relations change, and their values over its intervals, a row for each."""
+    times = np.concatenate([_crossings(system, relation, p, grid) for relation in timed.relations])
+    inside = np.unique(times[(times > grid[0]) & (times < grid[-1])])
+    close = 1e-12 * max(1.0, float(np.abs(grid).max()))
+    new = inside[np.diff(inside, prepend=-np.inf) > close]
+    new = new[np.abs(grid[_nearest(grid, new)] - new) > close]
+    fine = np.union1d(grid, new)
+    ends = np.concatenate([grid[:1], inside, grid[-1:]])
+    pieces = timed.decide([0.5 * (ends[:-1] + ends[1:])[None, :], p], inside.size + 1).T
+    return fine, pieces[:, np.searchsorted(inside, 0.5 * (fine[:-1] + fine[1:]))]
 
 
 def _decided_by_time(system: System) -> dict[int, tuple[ca.SX, ...]]:
@@ -161,7 +166,7 @@ def _system(system: System, timed: Sequence[int]) -> System:
 def _refined(driven: DrivenInputs, grid: np.ndarray, fine: np.ndarray, rows: np.ndarray) -> DrivenInputs:
     """Return inputs over the intervals of a finer grid, with further rows of them."""
     left, slope = driven.left, driven.slope
-    if fine is not grid:
+    if fine.size > grid.size:
         interval = np.clip(np.searchsorted(grid, fine[:-1], side="right") - 1, 0, grid.size - 2)
         slope = slope[:, interval]
         left = left[:, interval] + slope * (fine[:-1] - grid[interval])
