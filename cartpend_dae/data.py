@@ -169,7 +169,7 @@ class Trajectory:
     """The result of a run: `values` (n, n_columns) at `time` (n,) [s]; `units` holds one SI unit a name.
 
     `columns` says where each name stands in `values`: variables that are equal share a column. Without it the names
-    stand in order.
+    stand in order. `n_events` counts the instants at which something was decided anew or an input jumped.
     """
 
     time: FloatArray
@@ -177,6 +177,7 @@ class Trajectory:
     values: FloatArray
     units: tuple[str, ...]
     columns: Mapping[str, int] = field(default_factory=dict, repr=False)
+    n_events: int = 0
 
     def __post_init__(self) -> None:
         """Make the table of names."""
@@ -199,7 +200,8 @@ class Trajectory:
             return self
         values = np.hstack([self.values, np.tile([*constants.values()], (self.time.size, 1))])
         more = {name: self.values.shape[1] + k for k, name in enumerate(constants)}
-        return Trajectory(self.time, (*self.names, *more), values, (*self.units, *units), {**self.columns, **more})
+        names, columns = (*self.names, *more), {**self.columns, **more}
+        return Trajectory(self.time, names, values, (*self.units, *units), columns, self.n_events)
 
     def to_frame(self) -> pd.DataFrame:
         """Return the variables as columns, with `time` as the index."""

@@ -51,7 +51,8 @@ class _Shape:
 class _Packed:
     """Inputs as expressions, and the symbols that change between intervals.
 
-    `begin` is the begin of the interval and `jumps` whether an input jumps there, None where none does.
+    `begin` is the begin of the interval, or that of the last one at which an input jumped where none has a slope;
+    `jumps` tells whether an input jumped there, None where none does at all.
     """
 
     values: ca.SX
@@ -104,7 +105,11 @@ def hybrid_problem(system: System, made: Machine | None, driven: DrivenInputs, g
     shape = _shape(system, driven, jumping, is_hybrid=made is not None)
     key = (shape, None if made is None else float(grid[-1] - grid[0]))
     problem, transition = once(system, "problem", key, lambda: _posed(system, made, _inputs(system, driven, shape)))
-    more = [*([grid[:-1]] if shape.needs_begin else []), *([jumping] if shape.has_jumps else [])]
+    begins = grid[:-1]
+    if not shape.sloping:  # an integrator stops wherever one of these changes, so they change at jumps only
+        last = np.maximum.accumulate(np.where(jumping > 0, np.arange(jumping.size), 0))
+        begins, jumping = begins[last], np.maximum.accumulate(jumping)
+    more = [*([begins] if shape.needs_begin else []), *([jumping] if shape.has_jumps else [])]
     stacked = np.vstack([driven.left[list(shape.rows)], driven.slope[list(shape.sloping)], *more])
     return Posed(problem, transition, stacked, key)
 

@@ -22,6 +22,9 @@ from cartpend_dae.system import System
 
 Method = Literal["adaptive", "cvodes", "idas", "erk", "rosenbrock", "rk4"]
 MOST_EVENTS = 1_000_000
+# trials by which an event is located: CasADi's own number is too small where an indicator bends or jumps, and many
+# more go on to where rounding decides
+MOST_TRIALS = 30
 # erk is stable up to steps of about this over the fastest rate; beyond so many steps the implicit method is faster,
 # which errs more often at events: the acceleration of a body at rest flickers by rounding
 STABLE, MOST_STEPS = 3.3, 300_000
@@ -169,7 +172,12 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
     if made is None:
         return _run(begin, driven, choice, whole)
     # after an event an indicator counts only above `event_tol`: with its default of 1e-6 close events are lost
-    options |= {"max_events": MOST_EVENTS, "transition": posed.transition, "event_tol": 0.0}
+    options |= {
+        "max_events": MOST_EVENTS,
+        "transition": posed.transition,
+        "event_tol": 0.0,
+        "max_event_iter": MOST_TRIALS,
+    }
     x_0 = np.concatenate([begin.x, begin.memory])
     x_0 = np.append(x_0, np.zeros(problem["x"].numel() - x_0.size))
     missed: list[str] = []
@@ -310,7 +318,16 @@ def trajectory(begin: Begin, run: Run, driven: DrivenInputs, fine: np.ndarray, g
     values.setflags(write=False)  # equal variables share a column
     names = tuple(variable.name for variable in system.variables)
     units = tuple(variable.declaration.unit for variable in system.variables)
-    return Trajectory(grid, names, values, units, dict(zip(names, columns.tolist(), strict=True)))
+    table = dict(zip(names, columns.tolist(), strict=True))
+    return Trajectory(grid, names, values, units, table, _n_events(begin, run, driven, fine))
+
+
+def _n_events(begin: Begin, run: Run, driven: DrivenInputs, fine: np.ndarray) -> int:
+    """Return the number of instants at which something was decided, or without memory those at which inputs jump."""
+    if begin.machine is None or run.memory is None:
+        return int(jumps_of(driven, fine).sum())
+    split = begin.machine.memory.split
+    return round(float(split(run.memory[:, -1])["note"][4] - split(begin.memory)["note"][4]))
 
 
 def _forces(

@@ -128,7 +128,10 @@ def reference_section():
         return ["The reference results were not there when this page was made."]
     return [
         "`python tests/msl/table.py`: worst use of the tube (0.002 of the signal's range and of the duration) around",
-        "the reference results of Dymola for examples of the Modelica Standard Library; 1 is the edge.",
+        "the reference results of Dymola for examples of the Modelica Standard Library; 1 is the edge. Events are the",
+        "instants at which something was decided anew; a known time counts once, and a friction that stops and breaks",
+        "loose at one instant does too. Beside them what the log of Dymola's run says: events at known times (its end",
+        "of the run among them) + located ones. Seconds are those of assembly and one simulation.",
         "",
         *printed(ROOT / "tests" / "msl" / "table.py", CARTPEND_MSL=str(folder)),
     ]
