@@ -136,7 +136,6 @@ def cases():
         integration("hand, rosenbrock, compiled", mine, "rosenbrock", compiled),
         integration("cvodes", parts, "cvodes"),
         integration("rosenbrock", parts, "rosenbrock"),
-        integration("erk", parts, "erk"),
         integration("rosenbrock, compiled", parts, "rosenbrock", compiled),
         integration("erk, compiled", parts, "erk", compiled),
         whole("simulate, cvodes", ours, "cvodes"),

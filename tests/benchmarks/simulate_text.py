@@ -76,7 +76,7 @@ def more(results):
     return [
         "",
         "With dry friction (6 N on the rail) and with the sampled controller the reference is `rosenbrock` with 1e-10,",
-        f"compiled, from which compiled `erk` with 1e-9 differs by {doubts['friction']:.1g} and {doubts['sampled']:.1g}.",
+        f"from which `erk` with 1e-9 differs by {doubts['friction']:.1g} and {doubts['sampled']:.1g}, both compiled.",
         "CoupledClutches runs with the tolerances that `simulate` has by default.",
         "",
         "| size | first call | memory |",
