@@ -58,6 +58,8 @@ def section(results):
         "To prepare is to make the integrator and, where it is compiled, its C and the library; again is the same with",
         "the library in the cache. For `simulate` it is the first call on a system: functions, start, integrator. The",
         "system keeps these, and the time is that of a later call with the same start values, parameters and outputs.",
+        "With another start or parameter the start is solved anew, some 10 ms on the busy machine, and the ratios of the",
+        "targets for `simulate` do not hold. Friction and sampling compiled stand against the smooth run uncompiled.",
         *more(results),
         "",
         "### Targets of simulation",
@@ -109,7 +111,11 @@ def busy(load):
 def absent(peers):
     """Say which peers were not measured."""
     missing = [name for name, entry in peers.items() if not entry["runs"]]
-    return [f"Not measured, because they are not installed: {', '.join(missing)}.", ""] if missing else []
+    return (
+        [f"Not measured, because the interpreter given for them does not have them: {', '.join(missing)}.", ""]
+        if missing
+        else []
+    )
 
 
 def fastest(run):
