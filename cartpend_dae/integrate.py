@@ -22,7 +22,7 @@ from cartpend_dae.system import System
 
 Method = Literal["adaptive", "cvodes", "idas", "erk", "rosenbrock", "rk4"]
 MOST_EVENTS = 1_000_000
-# trials by which an event is located, found by trial: with 20 and 30 all tests of events pass; with 50 and more one of
+# trials by which an event is located, found by trial: with 30 the tests of events pass; with 50 and more one of
 # two bearings that stick together is passed over, for a reason not yet known
 MOST_TRIALS = 30
 # erk is stable up to steps of about this over the fastest rate; beyond so many steps the implicit method is faster,

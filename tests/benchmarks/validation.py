@@ -131,8 +131,8 @@ def reference_section():
         "`python tests/msl/table.py`: worst use of the tube (0.002 of the signal's range and of the duration) around",
         "the reference results of Dymola for examples of the Modelica Standard Library; 1 is the edge. Events are the",
         "instants at which something was decided anew or an input jumped. Beside them what the spec gives for Dymola's",
-        "run: events at known times + located ones. The two tools count differently; differences were not traced one by",
-        "one. Seconds are those of assembly and one simulation.",
+        "run: events at known times + located ones. The two tools count differently; differences were not traced one",
+        "by one. Seconds are those of assembly and one simulation.",
         "",
         *printed(ROOT / "tests" / "msl" / "table.py", CARTPEND_MSL=str(folder)),
     ]
