@@ -21,6 +21,7 @@ LAYERS = """
     library
     hybrid
     system
+    prepared
     gathered dimension_rules statements
     templates connections dimensions
     happenings
