@@ -4,15 +4,17 @@ CasADi evaluates a function at one time after the other, and takes longer for ea
 element of an array. The result is the same up to rounding.
 """
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
 from scipy.special import erf
 
 # Times handled together, so that the intermediate results stay in the cache of the processor.
-TOGETHER = 4096
+TOGETHER = 8192
 
 
 def _number(comparison: Callable[..., Any]) -> Callable[..., Any]:
@@ -70,15 +72,61 @@ OPERATIONS: dict[int, Callable[..., Any]] = {
 }
 
 
+Step = tuple[int, tuple[int, ...], tuple[int, ...], float]
+"""An instruction: its kind, with what, to what; and its number, if it is one."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """Instructions of which each output is another value, and which of them each element of the column is."""
+
+    steps: tuple[Step, ...]
+    n_values: int
+    columns: np.ndarray
+
+
+@dataclass(frozen=True)
+class AllTimes:
+    """A function, whose one output is a column, to be evaluated at many times."""
+
+    function: ca.Function
+
+    @cached_property
+    def plan(self) -> _Plan | None:
+        """Its instructions, None where numpy lacks one of them."""
+        return _plan(self.function) if _is_known(self.function) else None
+
+    def __call__(self, arguments: Sequence[np.ndarray], n_times: int) -> np.ndarray:
+        """Return all elements of the output at all times, shape (n_times, n_elements).
+
+        Parameters
+        ----------
+        arguments
+            For each input its elements: a column for each time, shape (n, n_times), or the same at all, shape (n,).
+        n_times
+            Number of times.
+        """
+        values, columns = self.distinct(arguments, n_times)
+        return values if np.array_equal(columns, np.arange(values.shape[1])) else values[:, columns]
+
+    def distinct(self, arguments: Sequence[np.ndarray], n_times: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return what the elements are made of (n_times, n), and which column of it each element is (n_elements,).
+
+        At many times all at once by numpy. Else one after the other in memory that numpy owns: a mapped function
+        would want a copy of the parameters for each, and CasADi hands a matrix to numpy through a list of Python
+        numbers, four times its size.
+        """
+        function = self.function
+        if function.is_a("SXFunction") and _is_faster(function.n_instructions(), n_times) and self.plan is not None:
+            values = np.zeros((self.plan.n_values, n_times))
+            _run_all(self.plan.steps, arguments, values)
+            return values.T, self.plan.columns
+        return _one_by_one(function, arguments, n_times), _columns(function)
+
+
 def pays_along(function: ca.Function, n_times: int) -> bool:
     """Whether `along` can evaluate a function, and is faster for so many times than CasADi one after the other."""
-    # measured: 4 us for each instruction, against 4 ns for each instruction and 3 us for each time
-    if not function.is_a("SXFunction") or 4000 * function.n_instructions() > n_times * (
-        4 * function.n_instructions() + 3000
-    ):
-        return False
-    known = {*OPERATIONS, ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT}
-    return all(function.instruction_id(k) in known for k in range(function.n_instructions()))
+    return function.is_a("SXFunction") and _is_faster(function.n_instructions(), n_times) and _is_known(function)
 
 
 def along(function: ca.Function, arguments: Sequence[np.ndarray], n_times: int) -> np.ndarray:
@@ -93,26 +141,67 @@ def along(function: ca.Function, arguments: Sequence[np.ndarray], n_times: int) 
     n_times
         Number of times.
     """
-    steps = [_instruction(function, k) for k in range(function.n_instructions())]
     result = np.zeros((function.nnz_out(0), n_times))
-    with np.errstate(all="ignore"):
-        for begin in range(0, n_times, TOGETHER):
-            part = slice(begin, min(begin + TOGETHER, n_times))
-            inputs = [a if a.ndim == 1 else a[:, part] for a in arguments]
-            _run(steps, inputs, result[:, part])
+    _run_all(tuple(_steps(function)), arguments, result)
     return result
 
 
-def _instruction(function: ca.Function, k: int) -> tuple[int, list[int], list[int], float]:
-    """Return what an instruction does, with what, to what; and its number, if it is one."""
-    kind = function.instruction_id(k)
-    number = function.instruction_constant(k) if kind == ca.OP_CONST else 0.0
-    return kind, function.instruction_input(k), function.instruction_output(k), number
+def _is_known(function: ca.Function) -> bool:
+    known = {*OPERATIONS, ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT}
+    return all(function.instruction_id(k) in known for k in range(function.n_instructions()))
 
 
-def _run(
-    steps: list[tuple[int, list[int], list[int], float]], inputs: Sequence[np.ndarray], result: np.ndarray
-) -> None:
+def _is_faster(n_steps: int, n_times: int) -> bool:
+    # measured: 4 us for each instruction, against 4 ns for each instruction and 3 us for each time
+    return 4000 * n_steps <= n_times * (4 * n_steps + 3000)
+
+
+def _steps(function: ca.Function) -> Iterator[Step]:
+    for k in range(function.n_instructions()):
+        kind = function.instruction_id(k)
+        number = function.instruction_constant(k) if kind == ca.OP_CONST else 0.0
+        yield kind, tuple(function.instruction_input(k)), tuple(function.instruction_output(k)), number
+
+
+def _columns(function: ca.Function) -> np.ndarray:
+    """Return which nonzero each element of the output is; one more column stands for all zeros."""
+    pattern = function.sparsity_out(0)
+    columns = np.full(pattern.numel(), pattern.nnz())
+    columns[np.array(pattern.row(), dtype=int)] = np.arange(pattern.nnz())
+    return columns
+
+
+def _plan(function: ca.Function) -> _Plan:
+    """Find outputs that are one value: variables that connections made equal, and all that are zero."""
+    steps: list[Step] = []
+    value_in: dict[int, int] = {}  # which value stands in a place of the work space
+    row_of: dict[int, int] = {}
+    rows = np.zeros(function.nnz_out(0) + 1, dtype=int)
+    for k, step in enumerate(_steps(function)):
+        kind, read, written, _ = step
+        if kind != ca.OP_OUTPUT:
+            value_in[written[0]] = k
+            steps.append(step)
+            continue
+        value = value_in[read[0]]
+        if value not in row_of:
+            row_of[value] = len(row_of)
+            steps.append((kind, read, (written[0], row_of[value]), 0.0))
+        rows[written[1]] = row_of[value]
+    rows[-1] = len(row_of)
+    columns = rows[_columns(function)]
+    return _Plan(tuple(steps), int(columns.max(initial=-1)) + 1, columns)
+
+
+def _run_all(steps: Sequence[Step], arguments: Sequence[np.ndarray], result: np.ndarray) -> None:
+    """Carry out the instructions at all times."""
+    with np.errstate(all="ignore"):
+        for begin in range(0, result.shape[1], TOGETHER):
+            part = slice(begin, min(begin + TOGETHER, result.shape[1]))
+            _run(steps, [a if a.ndim == 1 else a[:, part] for a in arguments], result[:, part])
+
+
+def _run(steps: Sequence[Step], inputs: Sequence[np.ndarray], result: np.ndarray) -> None:
     """Carry out the instructions, and write the rows of the result."""
     work: dict[int, Any] = {}
     for kind, read, written, number in steps:
@@ -124,3 +213,29 @@ def _run(
             work[written[0]] = number
         else:
             work[written[0]] = OPERATIONS[kind](*[work[i] for i in read])
+
+
+def _one_by_one(function: ca.Function, arguments: Sequence[np.ndarray], n_times: int) -> np.ndarray:
+    """Return the nonzeros of the output at one time after the other, and zero, shape (n_times, nnz or nnz + 1)."""
+    now = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
+    found, n = np.zeros(function.nnz_out(0)), function.nnz_out(0)
+    values = np.zeros((n_times, n + (n < function.numel_out(0))))
+    buffer, evaluate = cast(Any, function.buffer())  # its stub wants a size, which its methods refuse
+    moving = []
+    for i, (argument, place) in enumerate(zip(arguments, now, strict=True)):
+        if not place.size:
+            continue
+        buffer.set_arg(i, place.data)
+        if argument.ndim == 1:
+            place[:] = argument
+        else:
+            moving.append((place, argument))
+    if not found.size:
+        return values
+    buffer.set_res(0, found.data)
+    for k in range(n_times):
+        for place, argument in moving:
+            place[:] = argument[:, k]
+        evaluate()
+        values[k, :n] = found
+    return values

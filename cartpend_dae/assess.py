@@ -64,6 +64,8 @@ def assess(
 ) -> Assessment:
     """Measure the errors of a model with given parameters; nothing but free start states is fitted.
 
+    A run that is cut into pieces and scored by free simulation is simulated piece by piece, each from its own start.
+
     Parameters
     ----------
     system
@@ -110,9 +112,10 @@ def system_with(system: System, values: Mapping[str, float]) -> System:
 def _run_error(
     system: System, experiment: Experiment, bandwidth: float, step: float | None, measured: Mapping[str, str]
 ) -> RunError:
-    experiment = replace(experiment, piece=None)
+    if experiment.score != "free":
+        experiment = replace(experiment, piece=None)
     problem = make_problem(system, (), (experiment,), step=step)
-    start = _fitted_start(system, experiment, step)
+    start = estimate(problem).point if experiment.piece else _fitted_start(system, experiment, step)
     observer = bandwidth or 5 * dominant_frequency((experiment,))
     if experiment.score == "free":
         prediction = predict(problem, start, 0.0)

@@ -1,41 +1,42 @@
 """The command line: it only reads, calls, prints and writes."""
 
-import functools
 import math
-import os
-import signal
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
-from types import FrameType
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.text import Text
 
 from cartpend_dae.animate import animate
 from cartpend_dae.assemble import assemble
+from cartpend_dae.bootstrap import Kind
 from cartpend_dae.compiled import cache_folder, cached_libraries, clear_cache
+from cartpend_dae.console import assignments, console_of_results, say, spoken, watched
 from cartpend_dae.data_report import describe_data
 from cartpend_dae.demo import make_demo
-from cartpend_dae.errors import CartpendError, StudyError
+from cartpend_dae.errors import StudyError
 from cartpend_dae.linearize import linearize as linearize_model
+from cartpend_dae.planning import design_study
 from cartpend_dae.report import tables
 from cartpend_dae.report.data_tables import data_json, data_sentences, data_tables
-from cartpend_dae.report.files import check_folder, write_discovery, write_identification, write_simulation
-from cartpend_dae.report.result import identification_of, package_version
+from cartpend_dae.report.files import (
+    check_folder,
+    write_design,
+    write_discovery,
+    write_identification,
+    write_simulation,
+)
+from cartpend_dae.report.result import further, identification_of, package_version
 from cartpend_dae.report.text import (
     alias_sentence,
     describe_model,
     discovery_sentence,
     identification_sentence,
+    ranking_sentence,
     remarks,
 )
-from cartpend_dae.session import Opened, Report, discover_study, identify_study, open_study
+from cartpend_dae.session import Opened, discover_study, open_study, solve_study
 from cartpend_dae.simulate import simulate as simulate_model
 from cartpend_dae.singular import check_regular
 from cartpend_dae.structure import structure_report
@@ -71,39 +72,13 @@ class Friction(StrEnum):
 
 Target = Annotated[str, typer.Argument(help="A study (FILE.toml) or a model (FILE.py or FILE.py:Class).")]
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (TOML).")]
+Jobs = Annotated[int, typer.Option(min=1, metavar="N", help="Number of processes; results do not depend on it.")]
 Out = Annotated[Path | None, typer.Option(help="Folder for the results; default: STUDY-results.")]
 
 
 def main() -> None:
     """Run the command line; the entry point of the console script."""
     app(prog_name="cartpend")
-
-
-def _spoken(command: Callable[..., None]) -> Callable[..., None]:
-    """Turn what goes wrong in a command into a sentence and an exit code."""
-
-    @functools.wraps(command)
-    def run(*arguments: object, **options: object) -> None:
-        try:
-            command(*arguments, **options)
-        except CartpendError as error:
-            _complain(str(error))
-            raise typer.Exit(error.exit_code) from None
-        except KeyboardInterrupt:
-            _complain("Interrupted; nothing was written.")
-            raise typer.Exit(130) from None
-        except (typer.Exit, typer.Abort):
-            raise
-        except Exception as error:
-            if os.environ.get("CARTPEND_DEBUG"):
-                raise
-            _complain(
-                f"This is a bug in cartpend_dae, not in your input: {type(error).__name__}: "
-                f"{' '.join(str(error).split())} (CARTPEND_DEBUG=1 shows the traceback; please report it.)"
-            )
-            raise typer.Exit(1) from None
-
-    return run
 
 
 def _show_version(wanted: bool) -> None:
@@ -122,7 +97,7 @@ def _common(
 
 
 @app.command()
-@_spoken
+@spoken
 def check(
     target: Target,
     flat: Annotated[bool, typer.Option("--flat", help="Show all lines of long lists.")] = False,
@@ -131,7 +106,7 @@ def check(
     ] = False,
 ) -> None:
     """Show the equations of a model, what was eliminated and what is left; for a study its parameters and runs."""
-    console = _console()
+    console = console_of_results()
     system, opened = _opened(target)
     if structure:
         console.print(structure_report(system), soft_wrap=True)
@@ -146,7 +121,7 @@ def check(
 
 
 @app.command()
-@_spoken
+@spoken
 def simulate(
     target: Target,
     stop: Annotated[float, typer.Option(help="End of the simulation [s].")] = 10.0,
@@ -179,10 +154,10 @@ def simulate(
         system,
         stop,
         points=points,
-        inputs=_assignments("--input", input_),
-        start=_assignments("--start", start),
-        parameters=guesses | _assignments("--set", set_),
-        unknown=_assignments("--unknown", unknown),
+        inputs=assignments("--input", input_),
+        start=assignments("--start", start),
+        parameters=guesses | assignments("--set", set_),
+        unknown=assignments("--unknown", unknown),
         steady=steady,
         method=method.value,
         step=step,
@@ -191,13 +166,13 @@ def simulate(
     written = list(write_simulation(out, system, trajectory))
     if film is not None:
         written.append(animate(system, trajectory, film))
-    console = _console()
+    console = console_of_results()
     console.print(tables.trajectory_table(system, trajectory))
-    _say(console, f"Written: {', '.join(str(path) for path in written)}")
+    say(console, f"Written: {', '.join(str(path) for path in written)}")
 
 
 @app.command()
-@_spoken
+@spoken
 def linearize(
     target: Target,
     at: Annotated[
@@ -221,91 +196,115 @@ def linearize(
     driven = {text.strip(): None for text in input_ or () if "=" not in text}
     linear = linearize_model(
         system,
-        at=_assignments("--at", [text for text in at or () if text != "steady"]),
+        at=assignments("--at", [text for text in at or () if text != "steady"]),
         steady="steady" in (at or ()),
-        inputs=driven | _assignments("--input", [text for text in input_ or () if "=" in text]) or None,
+        inputs=driven | assignments("--input", [text for text in input_ or () if "=" in text]) or None,
         outputs=output,
-        parameters=guesses | _assignments("--set", set_),
+        parameters=guesses | assignments("--set", set_),
         friction=friction.value,
     )
-    _console().print(str(linear if period is None else linear.discretize(period)), soft_wrap=True)
+    console_of_results().print(str(linear if period is None else linear.discretize(period)), soft_wrap=True)
 
 
 @app.command()
-@_spoken
+@spoken
 def data(study: StudyFile, as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
     """Show what was read of each run: rates, gaps, noise, excitation, delays, and what it cannot identify."""
     report = describe_data(open_study(study))
     if as_json:
         print(data_json(report))
         return
-    console = _console()
+    console = console_of_results()
     for table in data_tables(report):
         console.print(table)
-    _say(console, *data_sentences(report))
+    say(console, *data_sentences(report))
 
 
 @app.command()
-@_spoken
-def identify(study: StudyFile, out: Out = None) -> None:
+@spoken
+def identify(
+    study: StudyFile,
+    out: Out = None,
+    jobs: Jobs = 1,
+    profile: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="A parameter to follow the profile likelihood of.")
+    ] = None,
+    bootstrap: Annotated[int, typer.Option(min=0, metavar="N", help="Fit data made anew N times.")] = 0,
+    bootstrap_kind: Annotated[Kind, typer.Option(help="Noise by its model, or blocks of residuals.")] = Kind.parametric,
+) -> None:
     """Estimate the free parameters of a study, with their uncertainty, and the error on every run."""
     out = out or Path(f"{study.stem}-results")
     check_folder(out)
     begin = time.monotonic()
     opened = open_study(study)
-    with _watched() as report:
-        found = identification_of(opened, identify_study(opened, report=report))
+    with watched() as report:
+        problem, fit = solve_study(opened, report=report, jobs=jobs)
+        asked = further(problem, fit, tuple(profile or ()), bootstrap, bootstrap_kind, opened.study.identify.seed, jobs)
+        found = identification_of(opened, fit, problem, *asked)
         write_identification(out, opened, found, time.monotonic() - begin)
-    console = _console()
+    console = console_of_results()
     console.print(tables.error_table(found.errors, None))
     if found.errors.scores:
         console.print(tables.score_table(found.errors, None))
     console.print(tables.estimate_table(None, found.fit, opened))
-    _say(
-        console,
-        *remarks(found.fit),
-        identification_sentence(opened, found.fit, found.errors, found.gate),
-        f"Written: {out}",
-    )
+    if found.profiles or found.bootstrap is not None:
+        console.print(tables.interval_table(found))
+    sentence = identification_sentence(opened, found.fit, found.errors, found.gate)
+    say(console, *remarks(found.fit), sentence, f"Written: {out}")
 
 
 @app.command()
-@_spoken
+@spoken
+def design(study: StudyFile, out: Out = None, jobs: Jobs = 1) -> None:
+    """Rank candidate experiments by what they would say of the parameters that are known worst."""
+    out = out or Path(f"{study.stem}-design")
+    check_folder(out)
+    opened = open_study(study, needs_runs=False)
+    with watched() as report:
+        ranking = design_study(opened, report=report, jobs=jobs)
+    write_design(out, opened, ranking)
+    console = console_of_results()
+    console.print(tables.ranking_table(ranking))
+    say(console, ranking_sentence(ranking), f"Written: {out}")
+
+
+@app.command()
+@spoken
 def discover(study: StudyFile, out: Out = None) -> None:
     """Find which physical effect the model of a study lacks, add it, refit, and show the error before and after."""
     _discover(study, out or Path(f"{study.stem}-results"))
 
 
 @app.command()
-@_spoken
+@spoken
 def demo(out: Annotated[Path, typer.Option(help="Folder for data and results.")] = Path("cartpend-demo")) -> None:
     """Make the logs of a pendulum with a dry bearing, and find what its model lacks."""
     check_folder(out)
     study = make_demo(out)
     story = "A rod pendulum was let go three times. Its model knows viscous friction only: what is missing?"
-    _say(_console(), story, f"Study, model and logs: {study.parent}")
+    say(console_of_results(), story, f"Study, model and logs: {study.parent}")
     _discover(study, out / "results")
 
 
 @app.command()
-@_spoken
+@spoken
 def cache(clear: Annotated[bool, typer.Option("--clear", help="Delete what is kept.")] = False) -> None:
     """Show where compiled models are kept and how much that is, or delete them."""
     found = cached_libraries()
     size = sum(path.stat().st_size for path in found) / 1e6
     done = f"{clear_cache()} compiled functions deleted" if clear else f"{len(found)} compiled functions"
-    _say(_console(), f"{done}, {size:.1f} MB, in {cache_folder()}")
+    say(console_of_results(), f"{done}, {size:.1f} MB, in {cache_folder()}")
 
 
 def _discover(study: Path, out: Path) -> None:
     check_folder(out)
     begin = time.monotonic()
     opened = open_study(study)
-    with _watched() as report:
+    with watched() as report:
         discovery = discover_study(opened, report=report)
         write_discovery(out, opened, discovery, time.monotonic() - begin)
     search = discovery.search
-    console = _console()
+    console = console_of_results()
     if search.candidates:
         console.print(tables.candidate_table(search))
     after = discovery.after if search.steps else None
@@ -313,7 +312,7 @@ def _discover(study: Path, out: Path) -> None:
     if discovery.before.scores:
         console.print(tables.score_table(discovery.before, after))
     console.print(tables.estimate_table(search.baseline if search.steps else None, search.final, opened))
-    _say(console, *remarks(search.final), *alias_sentence(search), discovery_sentence(discovery), f"Written: {out}")
+    say(console, *remarks(search.final), *alias_sentence(search), discovery_sentence(discovery), f"Written: {out}")
 
 
 def _opened(target: str) -> tuple[System, Opened | None]:
@@ -325,69 +324,6 @@ def _opened(target: str) -> tuple[System, Opened | None]:
     if reference.path.suffix != ".py":
         raise StudyError(f"{target}: expected a study (FILE.toml) or a model (FILE.py or FILE.py:Class).")
     return assemble(load_model(reference)), None
-
-
-def _assignments(option: str, texts: list[str] | None) -> dict[str, float]:
-    """Read NAME=VALUE pairs of an option."""
-    found = {}
-    for text in texts or ():
-        name, _, value = (part.strip() for part in text.partition("="))
-        try:
-            number = float(value)
-        except ValueError:
-            number = math.nan
-        if not name or not math.isfinite(number):
-            raise StudyError(f"`{option} {text}`: expected NAME=VALUE with a number, such as `{option} bearing.d=0.1`.")
-        found[name] = number
-    return found
-
-
-def _console() -> Console:
-    """Return the console for results; a file or a pipe has lines long enough for the tables."""
-    return Console(markup=False, highlight=False, emoji=False, width=None if sys.stdout.isatty() else 130)
-
-
-def _say(console: Console, *sentences: str) -> None:
-    """Print sentences, each in one line where no terminal wraps it."""
-    console.print()
-    for sentence in sentences:
-        console.print(sentence, soft_wrap=not console.is_terminal)
-
-
-def _complain(text: str) -> None:
-    Console(stderr=True, markup=False, highlight=False, emoji=False).print(text, soft_wrap=True)
-
-
-@contextmanager
-def _watched() -> Iterator[Report]:
-    """Yield what prints a line for each fit to a terminal, and nothing elsewhere.
-
-    The solver would take Ctrl-C for the end of one fit and hand on a point that is no optimum. So the fit
-    under way is let through, and the interrupt raised after it; a second Ctrl-C acts at once.
-    """
-    console = Console(stderr=True, markup=False, highlight=False, emoji=False)
-    begin = time.monotonic()
-    asked: list[int] = []
-
-    def ask(number: int, frame: FrameType | None) -> None:
-        asked.append(number)
-        signal.signal(signal.SIGINT, before)
-        console.print("Stopping after the fit under way; Ctrl-C again stops at once.")
-
-    def report(stage: str, label: str, error: float) -> None:
-        if console.is_terminal:
-            elapsed = time.monotonic() - begin
-            line = f"{elapsed:6.1f} s  {stage:<20} residual {error:9.4g} x noise  {label}"
-            console.print(Text(line), no_wrap=True, overflow="ellipsis")
-        if asked:
-            asked.clear()
-            raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGINT, ask)
-    try:
-        yield report
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,11 @@ import casadi as ca
 logger = logging.getLogger(__name__)
 
 SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
-FLAGS = ("-shared",) if sys.platform == "win32" else ("-shared", "-fPIC")
+# with its inner functions hidden the library may inline them, and an integrator takes an eighth less time; the macro is
+# CasADi's word for a compiler that knows of hiding
+FLAGS = (
+    ("-shared",) if sys.platform == "win32" else ("-shared", "-fPIC", "-fvisibility=hidden", "-DGCC_HASCLASSVISIBILITY")
+)
 # With more statements of C, from about 1,000 equations with their Jacobian on, gcc takes more than 10 s for -O2.
 LARGE = 20_000
 

@@ -1,13 +1,13 @@
 """System -> CasADi functions: right-hand side, outputs, and the laws of dry friction."""
 
 from dataclasses import dataclass
-from typing import Any, cast
 
 import casadi as ca
 import numpy as np
 
-from cartpend_dae.along import along, pays_along
+from cartpend_dae.along import AllTimes
 from cartpend_dae.errors import ModelError
+from cartpend_dae.prepared import once
 from cartpend_dae.quantities import is_number
 from cartpend_dae.system import System
 
@@ -51,12 +51,15 @@ def dae(system: System) -> Dae:
     system
         The assembled system.
     """
-    s = system
+    return once(system, "functions", None, lambda: _dae(system))
+
+
+def _dae(s: System) -> Dae:
     arguments = (s.time, s.x, s.z, s.u, s.p, s.frictions.force)
     names = ["t", "x", "z", "u", "p", "force"]
     rhs = ca.Function("rhs", list(arguments), [s.ode, s.alg], names, ["ode", "alg"])
     outputs = ca.Function("outputs", list(arguments), [s.outputs], names, ["y"])
-    return Dae(system, rhs, outputs, arguments)
+    return Dae(s, rhs, outputs, arguments)
 
 
 def all_variables(
@@ -67,12 +70,8 @@ def all_variables(
     u: np.ndarray,
     p: np.ndarray,
     force: np.ndarray,
-) -> np.ndarray:
-    """Return every variable of a system at some times, shape (n_times, n_variables).
-
-    At many times all at once by numpy. Else one after the other in memory that numpy owns: a mapped function would
-    want a copy of `p` for each, and CasADi hands a matrix to numpy through a list of Python numbers, four times its
-    size.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return every variable of a system at some times: values (n_times, n), and the column of each variable.
 
     Parameters
     ----------
@@ -85,26 +84,8 @@ def all_variables(
     p
         Parameters (n_p,).
     """
-    function = dae(system).outputs
-    rows = np.array(function.sparsity_out(0).row(), dtype=int)
-    if pays_along(function, times.size):
-        values = np.zeros((function.numel_out(0), times.size))
-        values[rows] = along(function, [times[None, :], x, z, u, p, force], times.size)
-        return values.T
-    now = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
-    found = np.zeros(rows.size)
-    buffer, evaluate = cast(Any, function.buffer())  # its stub wants a size, which its methods refuse
-    for i, argument in enumerate(now):
-        if argument.size:
-            buffer.set_arg(i, argument.data)
-    buffer.set_res(0, found.data)
-    now[4][:] = p
-    values = np.zeros((times.size, function.numel_out(0)))
-    for k, time in enumerate(times):
-        now[0][:], now[1][:], now[2][:], now[3][:], now[5][:] = time, x[:, k], z[:, k], u[:, k], force[:, k]
-        evaluate()
-        values[k, rows] = found
-    return values
+    function = once(system, "all variables", None, lambda: AllTimes(dae(system).outputs))
+    return function.distinct([times[None, :], x, z, u, p, force], times.size)
 
 
 def friction_laws(system: System) -> Friction:

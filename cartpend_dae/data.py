@@ -126,17 +126,23 @@ def von_neumann_z(residual: FloatArray) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """The result of a run: `values` (n, n_names) at `time` (n,) [s]; `units` holds one SI unit a name."""
+    """The result of a run: `values` (n, n_columns) at `time` (n,) [s]; `units` holds one SI unit a name.
+
+    `columns` says where each name stands in `values`: variables that are equal share a column. Without it the names
+    stand in order. `n_events` counts the instants at which something was decided anew or an input jumped.
+    """
 
     time: FloatArray
     names: tuple[str, ...]
     values: FloatArray
     units: tuple[str, ...]
-    columns: Mapping[str, int] = field(init=False, repr=False)
+    columns: Mapping[str, int] = field(default_factory=dict, repr=False)
+    n_events: int = 0
 
     def __post_init__(self) -> None:
         """Make the table of names."""
-        object.__setattr__(self, "columns", {name: k for k, name in enumerate(self.names)})
+        if not self.columns:
+            object.__setattr__(self, "columns", {name: k for k, name in enumerate(self.names)})
 
     def __getitem__(self, name: str) -> FloatArray:
         if name == "time":
@@ -150,15 +156,17 @@ class Trajectory:
 
     def with_constants(self, constants: Mapping[str, float], units: Iterable[str]) -> "Trajectory":
         """Return the trajectory with a column more for each constant, in SI `units`."""
-        rows = np.tile([*constants.values()], (self.time.size, 1))
-        names = (*self.names, *constants)
-        return (
-            Trajectory(self.time, names, np.hstack([self.values, rows]), (*self.units, *units)) if constants else self
-        )
+        if not constants:
+            return self
+        values = np.hstack([self.values, np.tile([*constants.values()], (self.time.size, 1))])
+        more = {name: self.values.shape[1] + k for k, name in enumerate(constants)}
+        names, columns = (*self.names, *more), {**self.columns, **more}
+        return Trajectory(self.time, names, values, (*self.units, *units), columns, self.n_events)
 
     def to_frame(self) -> pd.DataFrame:
         """Return the variables as columns, with `time` as the index."""
-        return pd.DataFrame(self.values, pd.Index(self.time, name="time"), pd.Index(self.names))
+        values = self.values[:, [self.columns[name] for name in self.names]]
+        return pd.DataFrame(values, pd.Index(self.time, name="time"), pd.Index(self.names))
 
     def to_csv(self, path: Path | str) -> None:
         """Write a csv file with a column `time`; numbers read back exactly, and no half file is ever left."""

@@ -4,8 +4,9 @@ from fractions import Fraction
 
 import numpy as np
 
-# what counts as a part of a direction, and the largest denominator of an exponent
-PART, DENOMINATOR = 0.02, 4
+# what counts as a part of a direction, the largest denominator of an exponent, the largest exponent, and how far from a
+# fraction it may be
+PART, DENOMINATOR, EXPONENT, CLOSE = 0.02, 4, 4, 0.01
 
 
 def blind_directions(names: tuple[str, ...], values: np.ndarray, null: np.ndarray) -> tuple[str, ...]:
@@ -23,7 +24,8 @@ def blind_directions(names: tuple[str, ...], values: np.ndarray, null: np.ndarra
     Returns
     -------
     tuple
-        A sentence for each direction; factors where all parts are positive or negative numbers, sums else.
+        A sentence for each direction: products of powers where it scales all parts by simple powers, as it does where
+        the model is a product of them; else that only some combination of the parts is identified.
     """
     if null.shape[1] == 0:
         return ()
@@ -35,12 +37,19 @@ def blind_directions(names: tuple[str, ...], values: np.ndarray, null: np.ndarra
         parts = sorted(parts)
         if len(parts) == 1:
             sentences.append(f"`{names[parts[0]]}` does not reach the outputs")
-        elif is_relative:
+        elif is_relative and _are_powers_simple(direction, parts):
             sentences.append(_scaling(names, direction * np.sign(values), parts))
         else:
             listing = " and ".join(f"`{names[i]}`" for i in parts)
             sentences.append(f"{listing} move the outputs alike: only a combination of them is identified")
     return tuple(sentences)
+
+
+def _are_powers_simple(direction: np.ndarray, parts: list[int]) -> bool:
+    """Whether the parts are scaled by small rational powers of each other; sums, for one, are not."""
+    ratios = direction[parts] / direction[parts[-1]]
+    powers = np.array([float(Fraction(float(ratio)).limit_denominator(DENOMINATOR)) for ratio in ratios])
+    return bool(np.all(np.abs(powers) <= EXPONENT) and np.all(np.abs(ratios - powers) <= CLOSE * np.abs(ratios)))
 
 
 def _scaling(names: tuple[str, ...], direction: np.ndarray, parts: list[int]) -> str:

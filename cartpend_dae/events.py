@@ -163,8 +163,11 @@ def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> tuple[
         down = (1 + MARGIN) * f.static_neg[i] + FREE / 2 + force[i]
         found.append(ca.if_else(mode == 0, up, ca.if_else(mode == 2, 1, mode * speed[i])))
         found.append(ca.if_else(mode == 0, down, 1))
-        if not f.static_pos[i].is_constant() and ca.depends_on(f.static_pos[i], ca.vertcat(_moving(s), h.symbols)):
-            found.append(ca.if_else(mode == 2, FREE - f.static_pos[i], f.static_pos[i] - FREE / 2))
+        level = ca.fmax(f.static_pos[i], f.static_neg[i])
+        if not level.is_constant() and ca.depends_on(level, ca.vertcat(_moving(s), h.symbols)):
+            # a level that is cut off at zero is flat there: a step down at the limit is found far sooner
+            taken = ca.if_else(level < FREE, 1, FREE - level)
+            found.append(ca.if_else(mode == 2, taken, ca.if_else(level > FREE / 2, level - FREE / 2, -1)))
         places += [f.places[i]] * (len(found) - len(places))
     for k in range(h.relations.numel()):
         difference = h.differences[k]

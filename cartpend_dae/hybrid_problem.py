@@ -1,5 +1,6 @@
 """What CasADi's integrators solve: equations, memory, indicators and inputs, packed as they want them."""
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -7,6 +8,7 @@ import numpy as np
 
 from cartpend_dae.events import Machine
 from cartpend_dae.inputs import DrivenInputs, jumps_of
+from cartpend_dae.prepared import once
 from cartpend_dae.system import System
 
 # after an input has jumped, by this part of the time, all is decided again
@@ -14,61 +16,108 @@ AFTER = 1e-14
 
 
 @dataclass(frozen=True, slots=True)
-class _Packed:
-    """Inputs as expressions, the symbols that change between intervals, and their values over these.
+class Posed:
+    """What `casadi.integrator` solves, what happens at events, and inputs over the intervals.
 
-    `begin` is the begin of the interval and `jumps` whether an input jumps there, None where none does.
+    `key` holds all that the problem and the transition depend on besides the system.
+    """
+
+    problem: dict[str, ca.SX]
+    transition: ca.Function | None
+    stacked: np.ndarray
+    key: Hashable
+
+
+@dataclass(frozen=True, slots=True)
+class _Shape:
+    """How inputs change over the intervals of a grid: numbers of those with other values and with slopes, in order.
+
+    `constants` are the values of the inputs that keep them, 0 for the others, and `functions` of time as text.
+    """
+
+    rows: tuple[int, ...]
+    sloping: tuple[int, ...]
+    constants: tuple[float, ...]
+    functions: tuple[tuple[int, str], ...]
+    has_jumps: bool
+
+    @property
+    def needs_begin(self) -> bool:
+        """Whether the begin of the interval counts."""
+        return bool(self.sloping) or self.has_jumps
+
+
+@dataclass(frozen=True, slots=True)
+class _Packed:
+    """Inputs as expressions, and the symbols that change between intervals.
+
+    `begin` is the begin of the interval, or that of the last one at which an input jumped where none has a slope;
+    `jumps` tells whether an input jumped there, None where none does at all.
     """
 
     values: ca.SX
     symbols: ca.SX
-    stacked: np.ndarray
     begin: ca.SX
     jumps: ca.SX | None
 
 
-def _inputs(s: System, driven: DrivenInputs, grid: np.ndarray, *, is_hybrid: bool) -> _Packed:
-    """Pack the inputs; what is constant stands as a number, for an integrator stops wherever a symbol may change."""
+def _shape(s: System, driven: DrivenInputs, jumping: np.ndarray, *, is_hybrid: bool) -> _Shape:
     left, slope = driven.left, driven.slope
-    values = ca.SX(ca.DM(left[:, 0])) if left.shape[0] else ca.SX(0, 1)
-    sloping = np.flatnonzero(np.any(slope != 0, axis=1))
-    changing = [r for r in range(left.shape[0]) if r not in driven.expressions and np.any(left[r] != left[r, 0])]
-    rows = sorted({*changing, *sloping.tolist()})
-    jumping = jumps_of(driven, grid)
+    sloping = np.flatnonzero(np.any(slope != 0, axis=1)).tolist()
+    changing = np.flatnonzero(np.any(left != left[:, :1], axis=1)).tolist()
+    rows = sorted({*(row for row in changing if row not in driven.expressions), *sloping})
+    moving = {*rows, *driven.expressions}
+    constants = [0.0 if row in moving else float(left[row, 0]) for row in range(left.shape[0])]
+    functions = {
+        row: ca.Function("f", [s.time], [ca.SX(of(s.time))]).serialize() for row, of in driven.expressions.items()
+    }
     has_jumps = is_hybrid and bool(jumping.any())
+    return _Shape(tuple(rows), tuple(sloping), tuple(constants), tuple(functions.items()), has_jumps)
+
+
+def _inputs(s: System, driven: DrivenInputs, shape: _Shape) -> _Packed:
+    """Pack the inputs; what is constant stands as a number, for an integrator stops wherever a symbol may change."""
+    values = ca.SX(ca.DM(shape.constants)) if shape.constants else ca.SX(0, 1)
     begin = ca.SX.sym("begin", 1, 1)
-    needs_begin = bool(sloping.size) or has_jumps
-    jumps = ca.SX.sym("jumps") if has_jumps else None
-    starts, slopes = ca.SX.sym("left", len(rows)), ca.SX.sym("slope", sloping.size)
-    for k, row in enumerate(rows):
+    jumps = ca.SX.sym("jumps") if shape.has_jumps else None
+    starts, slopes = ca.SX.sym("left", len(shape.rows)), ca.SX.sym("slope", len(shape.sloping))
+    for k, row in enumerate(shape.rows):
         values[row] = starts[k]
-    for k, row in enumerate(sloping.tolist()):
+    for k, row in enumerate(shape.sloping):
         values[row] += slopes[k] * (s.time - begin)
     for row, expression in driven.expressions.items():
         values[row] = ca.SX(expression(s.time))
-    symbols = ca.vertcat(starts, slopes, *([begin] if needs_begin else []), *([] if jumps is None else [jumps]))
-    more = [*([grid[:-1]] if needs_begin else []), *([] if jumps is None else [jumping])]
-    return _Packed(values, symbols, np.vstack([left[rows], slope[sloping], *more]), begin, jumps)
+    more = [*([begin] if shape.needs_begin else []), *([] if jumps is None else [jumps])]
+    return _Packed(values, ca.vertcat(starts, slopes, *more), begin, jumps)
 
 
-def hybrid_problem(
-    system: System, made: Machine | None, driven: DrivenInputs, grid: np.ndarray
-) -> tuple[dict[str, ca.SX], ca.Function | None, np.ndarray]:
+def hybrid_problem(system: System, made: Machine | None, driven: DrivenInputs, grid: np.ndarray) -> Posed:
     """Return the problem for `casadi.integrator`, what happens at events, and inputs over the intervals.
 
     Parameters
     ----------
     system, made
-        The system, and with events its machine.
+        The system, and with events its machine for the length of the grid.
     driven, grid
         Inputs over the intervals of the grid (n,) [s].
     """
-    s = system
-    packed = _inputs(s, driven, grid, is_hybrid=made is not None)
+    jumping = jumps_of(driven, grid)
+    shape = _shape(system, driven, jumping, is_hybrid=made is not None)
+    key = (shape, None if made is None else float(grid[-1] - grid[0]))
+    problem, transition = once(system, "problem", key, lambda: _posed(system, made, _inputs(system, driven, shape)))
+    begins = grid[:-1]
+    if not shape.sloping:  # an integrator stops wherever one of these changes, so they change at jumps only
+        last = np.maximum.accumulate(np.where(jumping > 0, np.arange(jumping.size), 0))
+        begins, jumping = begins[last], np.maximum.accumulate(jumping)
+    more = [*([begins] if shape.needs_begin else []), *([jumping] if shape.has_jumps else [])]
+    stacked = np.vstack([driven.left[list(shape.rows)], driven.slope[list(shape.sloping)], *more])
+    return Posed(problem, transition, stacked, key)
+
+
+def _posed(s: System, made: Machine | None, packed: _Packed) -> tuple[dict[str, ca.SX], ca.Function | None]:
     if made is None:
         ode, alg = replaced([s.ode, s.alg], [(s.u, packed.values)])
-        problem = {"x": s.x, "z": s.z, "p": s.p, "u": packed.symbols, "t": s.time, "ode": ode, "alg": alg}
-        return problem, None, packed.stacked
+        return {"x": s.x, "z": s.z, "p": s.p, "u": packed.symbols, "t": s.time, "ode": ode, "alg": alg}, None
     memory, pulses = made.memory, s.hybrid.pulses
     whole = memory.whole
     old = [(s.frictions.force, made.force), (pulses, ca.SX.zeros(pulses.numel()))]
@@ -88,7 +137,7 @@ def hybrid_problem(
     runs = whole.note[0] == 0
     ode = ca.vertcat(ca.if_else(runs, ode, 0), ca.SX.zeros(memory.vector.numel()), ca.if_else(runs, watched, 0))
     problem = {"x": x, "z": s.z, "p": s.p, "u": packed.symbols, "t": s.time, "ode": ode, "alg": alg, "zero": indicators}
-    return problem, _transition(s, made, packed, shadow.numel()), packed.stacked
+    return problem, _transition(s, made, packed, shadow.numel())
 
 
 def _watched(differences: ca.SX, s: System, ode: ca.SX) -> ca.SX:

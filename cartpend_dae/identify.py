@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cartpend_dae.cuts import run_of
-from cartpend_dae.errors import SolverError
+from cartpend_dae.gauss_newton import Solution, bounds, gauss_newton, interior_point
 from cartpend_dae.problem import Problem, dominant_frequency
 from cartpend_dae.residual_noise import NoiseModel
 from cartpend_dae.shooting import filtered_nodes, run_from, run_through, scaled_values, sensitivities, start_states
@@ -29,9 +29,11 @@ class RunFit:
 class Fit:
     """The outcome of an estimation.
 
-    `chi2` is the sum of squared residuals over the noise sds used as weights (`weights_sd`); `covariance` is that of
+    `chi2` is the sum of squared residuals over the noise sds used as weights (`weights_sd`), and `cost` what was
+    minimised: half of it, with prior knowledge and robust loss; `covariance` is that of
     parameters and free starts, SI; `noise` is what the residuals show, in units of `weights_sd`. `tied` are parameters
-    that follow from others, `blind` says along which directions the data leave the parameters open.
+    that follow from others, `blind` says along which directions the data leave the parameters open,
+    `notes` what else is to be known of how it was found.
     """
 
     parameters: tuple[Estimate, ...]
@@ -44,12 +46,14 @@ class Fit:
     noise_sd: np.ndarray
     weights_sd: np.ndarray
     chi2: float
+    cost: float
     n_residuals: int
     runs: tuple[RunFit, ...]
     bandwidth: np.ndarray
     success: bool
     message: str
     iterations: int
+    notes: tuple[str, ...] = ()
 
     @property
     def values(self) -> dict[str, float]:
@@ -90,8 +94,9 @@ def estimate(
     guess: Mapping[str, float] | None = None,
     observer: float | None = None,
     sd: np.ndarray | None = None,
+    patient: bool = True,
 ) -> Fit:
-    """Solve the estimation problem by IPOPT.
+    """Solve the estimation problem by Gauss and Newton's method, and by IPOPT where that does not get there.
 
     Parameters
     ----------
@@ -105,6 +110,8 @@ def estimate(
         Bandwidth with which the start states of the segments are filtered from the data [rad/s]; chosen if None.
     sd
         Noise of each output used as weight, shape (n_y,); from the raw data if None.
+    patient
+        False leaves it at Gauss and Newton's method, where another way may be tried next.
 
     Raises
     ------
@@ -115,76 +122,27 @@ def estimate(
     weights_sd = problem.prior_sd if sd is None else sd
     data = stack_data(layout, problem.experiments, 1.0 / weights_sd)
     w = np.full(len(problem.outputs), float(bandwidth))
-    everything = problem.variables
-    lower = np.array([item.scaled(item.lower) for item in everything])
-    upper = np.array([item.scaled(item.upper) for item in everything])
+    lower, upper = bounds(problem)
     values = np.clip(scaled_values(problem, guess or {}), lower, upper)
     follow = observer if observer is not None else max(bandwidth, dominant_frequency(problem.experiments) * 5)
     nodes = filtered_nodes(problem, values, np.full_like(w, follow), data)
-    point = np.concatenate([values, nodes.ravel(order="F")])
-    bound_low = np.concatenate([lower, np.full(nodes.size, -np.inf)])
-    bound_high = np.concatenate([upper, np.full(nodes.size, np.inf)])
-    result = problem.programme(
-        x0=point,
-        p=np.concatenate([w, data.ravel(order="F")]),
-        lbx=bound_low,
-        ubx=bound_high,
-        lbg=0.0,
-        ubg=0.0,
-    )
-    stats = problem.programme.stats()
-    solution = np.asarray(result["x"]).ravel()
-    if not np.all(np.isfinite(solution)):
-        raise SolverError(f"The fit of {problem.system.name} gave no finite parameters ({stats['return_status']}).")
-    values = solution[: len(everything)]
-    nodes = solution[len(everything) :].reshape(layout.n_state, -1, order="F")
-    message = str(stats["return_status"])
-    success = message in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
-    if not success:  # the segments of an unfinished solution do not join
+    found = gauss_newton(problem, values, nodes, w, data)
+    if patient and not found.success:
+        found = interior_point(problem, values, nodes, w, data)
+    return _outcome(problem, found, w, data, weights_sd)
+
+
+def _outcome(problem: Problem, found: Solution, w: np.ndarray, data: np.ndarray, weights_sd: np.ndarray) -> Fit:
+    layout, values, nodes = problem.layout, found.values, found.nodes
+    if not found.success:  # the segments of an unfinished solution do not join
         nodes = run_through(problem, values, w, data)[1][:, :: layout.length]
-    iterations = int(stats["iter_count"])
-    return fit_at(problem, values, nodes, w, data, weights_sd, success=success, message=message, iterations=iterations)
-
-
-def fit_at(
-    problem: Problem,
-    values: np.ndarray,
-    nodes: np.ndarray,
-    w: np.ndarray,
-    data: np.ndarray,
-    weights_sd: np.ndarray,
-    *,
-    success: bool,
-    message: str,
-    iterations: int,
-) -> Fit:
-    """Return what a solution of a problem says.
-
-    Parameters
-    ----------
-    problem
-        The problem.
-    values
-        Scaled variables (n_all,).
-    nodes
-        Start of each segment (n_state, n_segments).
-    w
-        Bandwidth of the output injection of each output [rad/s].
-    data
-        The samples, see `stack_data`.
-    weights_sd
-        Noise of each output used as weight (n_y,).
-    success, message, iterations
-        How the solver ended.
-    """
-    layout = problem.layout
     _, states = run_from(problem, values, nodes, w, data)
-    found = sensitivities(problem, values, nodes, w, data)
+    slopes = sensitivities(problem, values, nodes, w, data)
     is_measured = data[-len(problem.outputs) :].T > 0
     by_run = _samples_by_run(problem)
     parts = [part for _, part in by_run.values()]
-    residuals = np.where(is_measured, found.residuals, np.nan)
-    certain = uncertainty(problem, values, [residuals[part] for part in parts], [found.slopes[part] for part in parts])
+    residuals = np.where(is_measured, slopes.residuals, np.nan)
+    certain = uncertainty(problem, values, [residuals[part] for part in parts], [slopes.slopes[part] for part in parts])
     starts = start_states(problem, values)
     runs = tuple(
         RunFit(name, data[0, part], residuals[part] * weights_sd, states[:, part].T, starts[first])
@@ -202,12 +160,13 @@ def fit_at(
         noise_sd=weights_sd * np.sqrt(per_channel),
         weights_sd=weights_sd,
         chi2=float(np.nansum(residuals**2)),
+        cost=found.cost,
         n_residuals=int(is_measured.sum()),
         runs=runs,
         bandwidth=w,
-        success=success,
-        message=message,
-        iterations=iterations,
+        success=found.success,
+        message=found.message,
+        iterations=found.iterations,
     )
 
 

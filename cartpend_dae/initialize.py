@@ -7,6 +7,7 @@ import numpy as np
 
 from cartpend_dae.continuous import before_events
 from cartpend_dae.errors import SolverError
+from cartpend_dae.prepared import content, once
 from cartpend_dae.start_conditions import Conditions, Request, Steady, conditions_of
 from cartpend_dae.start_failure import failure_sentence
 from cartpend_dae.start_search import ranked, search, with_friction
@@ -75,7 +76,11 @@ def initialize(
     """
     if unknown is None:
         unknown = {q.name: float(p[i]) for i, q in enumerate(system.parameters) if q.is_unknown}
-    return find_start(before_events(system), Request(p, u, start, time, unknown, steady)).start
+    request = Request(p, u, start, time, unknown, steady)
+    rest = steady if isinstance(steady, bool) else tuple(steady)
+    key = (content(p, u), tuple(start.items()), time, tuple(unknown.items()), rest)
+    before = once(system, "before events", None, lambda: before_events(system))
+    return once(system, "start", key, lambda: find_start(before, request).start)
 
 
 def unknown_parameters(system: System, known: Collection[str], more: Mapping[str, float]) -> dict[str, float]:

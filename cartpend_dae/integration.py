@@ -2,14 +2,17 @@
 
 import contextlib
 import io
+from collections.abc import Hashable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
 
 from cartpend_dae.compiled import compiled
+from cartpend_dae.prepared import content, once
+from cartpend_dae.system import System
 
 MOST_STEPS = 1_000_000
 MULTISTEP = ("cvodes", "idas")
@@ -20,9 +23,12 @@ class Integration:
     """What `casadi.integrator` solves over `grid` (n,) [s], from x (n_x,) and z (n_z,).
 
     Parameters p (n_p,), inputs u (n_u, n - 1) constant over each interval. `is_compiled` turns the integrators that
-    CasADi can write as C into machine code. `jumps` are the grid points at which an input jumps.
+    CasADi can write as C into machine code. `jumps` are the grid points at which an input jumps. The `system` keeps
+    the integrators; `key` tells the problem and what happens at its events.
     """
 
+    system: System
+    key: Hashable
     problem: dict[str, ca.SX]
     options: dict[str, Any]
     grid: np.ndarray
@@ -61,16 +67,19 @@ class Integration:
     ) -> dict[str, np.ndarray]:
         first, last = ends
         outputs = np.arange(first if first else 1, last + 1)
-        extra = {"max_num_steps": MOST_STEPS} if plugin in MULTISTEP else {}
-        given = {"u": self.u[:, np.maximum(outputs - 1, first)]} if self.u.size else {}
+        u = self.u[:, np.maximum(outputs - 1, first)]
+        is_compiled = self.is_compiled and n == self.grid.size
+        settings = tuple((name, value) for name, value in self.options.items() if name != "transition")
+        times = np.append(self.grid[first], self.grid[outputs])
+        key = (self.key, plugin, settings, is_compiled, content(times))
         with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-            integrator = ca.integrator(
-                "run", plugin, self.problem, float(self.grid[first]), self.grid[outputs].tolist(), self.options | extra
-            )
-            if self.is_compiled and n == self.grid.size:
-                integrator = compiled(integrator)
-            result = integrator(x0=start[0], z0=start[1], p=self.p, **given)
-        return {key: np.asarray(result[key]).reshape(-1, outputs.size) for key in ("xf", "zf")}
+            integrator = once(self.system, "integrator", key, lambda: self._integrator(plugin, times, is_compiled))
+            return _evaluated(integrator, {"x0": start[0], "z0": start[1], "p": self.p, "u": u}, outputs.size)
+
+    def _integrator(self, plugin: str, times: np.ndarray, is_compiled: bool) -> ca.Function:
+        options = self.options | ({"max_num_steps": MOST_STEPS} if plugin in MULTISTEP else {})
+        integrator = ca.integrator("run", plugin, self.problem, float(times[0]), times[1:].tolist(), options)
+        return compiled(integrator) if is_compiled else integrator
 
     def point(self, plugin: str, k: int) -> tuple[np.ndarray, np.ndarray] | None:
         """Return states and algebraic variables at grid point k; None if the integration does not get there."""
@@ -78,3 +87,26 @@ class Integration:
             return self.x, self.z
         result, _ = self.run(plugin, k + 1)
         return None if result is None else (np.asarray(result["xf"])[:, -1], np.asarray(result["zf"])[:, -1])
+
+
+def _evaluated(integrator: ca.Function, arguments: dict[str, np.ndarray], n: int) -> dict[str, np.ndarray]:
+    """Return states and algebraic variables at n times, in memory that numpy owns.
+
+    Raises
+    ------
+    RuntimeError
+        If the integration fails.
+    """
+    buffer, evaluate = cast(Any, integrator.buffer())  # its stub wants a size, which its methods refuse
+    given = {name: np.array(value.T, dtype=float, order="C") for name, value in arguments.items()}
+    found = {name: np.zeros((n, arguments[start].size)) for name, start in (("xf", "x0"), ("zf", "z0"))}
+    for name, value in given.items():
+        if value.size:
+            buffer.set_arg(integrator.index_in(name), value.data)
+    for name, value in found.items():
+        if value.size:
+            buffer.set_res(integrator.index_out(name), value.data)
+    evaluate()
+    if buffer.ret():
+        raise RuntimeError("Evaluation failed")
+    return {name: value.T for name, value in found.items()}

@@ -22,6 +22,7 @@ from cartpend_dae.errors import ModelError
 from cartpend_dae.linear_model import LinearModel
 from cartpend_dae.report.text import all_candidates, effect_name, for_people
 from cartpend_dae.system import System
+from cartpend_dae.uncertainty import NORMAL_95
 
 DPI = 130
 MEASURED, BEFORE, AFTER, QUIET = "#000000", "#D55E00", "#0072B2", "#9A9A9A"
@@ -31,7 +32,7 @@ DENSE = 2000
 MOST_PANELS = 6
 
 
-def run_figure(before: RunError, after: RunError | None = None) -> Figure:
+def run_figure(before: RunError, after: RunError | None = None, *, sd: np.ndarray | None = None) -> Figure:
     """Draw a run: measured values and model, below them the residuals with the band of the noise.
 
     Parameters
@@ -40,6 +41,8 @@ def run_figure(before: RunError, after: RunError | None = None) -> Figure:
         The run with the model as it was; the only model if there is no `after`.
     after
         The same run with the augmented model.
+    sd
+        How sure the outputs of the last model are, shape (n, n_outputs) [SI]: the band of 95 % around them.
     """
     models = [("model", before, AFTER)]
     if after is not None:
@@ -49,6 +52,8 @@ def run_figure(before: RunError, after: RunError | None = None) -> Figure:
     axes = figure.subplots(1 + len(models), n, sharex=True, squeeze=False, height_ratios=[3.0] + [1.2] * len(models))
     for column, name in enumerate(before.outputs):
         _draw_output(list(axes[:, column]), column, name, models)
+        if sd is not None:
+            _draw_band(axes[0, column], axes[-1, column], column, models[-1][1], sd[:, column])
     figure.align_ylabels(axes)
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
@@ -89,6 +94,16 @@ def _draw_output(axes: Sequence[Axes], column: int, name: str, models: list[tupl
         axis.yaxis.set_major_locator(MaxNLocator(4))
     for axis in axes:
         _plain(axis)
+
+
+def _draw_band(top: Axes, bottom: Axes, column: int, run: RunError, sd: np.ndarray) -> None:
+    """Draw where the outputs of the model lie with 95 %: around the model, and around the residual zero."""
+    name = list(run.outputs)[column]
+    factor, _ = for_people(run.outputs[name].unit)
+    model, half = factor * run.predicted[:, column], factor * NORMAL_95 * sd
+    top.fill_between(run.time, model - half, model + half, color=AFTER, alpha=0.3, lw=0, label="95 % of the model")
+    bottom.plot(run.time, half, ":", color=AFTER, lw=0.9)
+    bottom.plot(run.time, -half, ":", color=AFTER, lw=0.9)
 
 
 def _residual_title(rmse: float, noise: float, unit: str) -> str:

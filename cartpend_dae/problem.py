@@ -21,6 +21,9 @@ from cartpend_dae.system import System
 from cartpend_dae.transcribe import SEGMENT, Layout, Passes, RunStart, Slot
 from cartpend_dae.unknowns import Free, Prior, Tie
 
+# what is built of a problem and depends on where its runs start
+_OF_STARTS = ("starts", "begins", "start_places", "programme")
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -94,6 +97,29 @@ class Problem:
     def prior_sd(self) -> np.ndarray:
         """Noise of each output as the raw data show it, or as the study states it; shape (n_y,)."""
         return np.array([_channel_sd(self.experiments, name) for name in self.outputs])
+
+    def with_measured(self, experiments: tuple[Experiment, ...]) -> "Problem":
+        """Return the same problem with other measured values at the same samples; what was built is kept."""
+        return self._kept(replace(self, experiments=experiments), ("layout", "functions", *_OF_STARTS))
+
+    def with_runs(self, experiments: tuple[Experiment, ...]) -> "Problem":
+        """Return the same problem on other runs of the same lengths, which start elsewhere; what was built is kept."""
+        return self._kept(replace(self, experiments=experiments), ("layout", "functions"))
+
+    def holding(self, name: str, value: float) -> "Problem":
+        """Return the same problem with one of its parameters held at a value [SI]; what was built is kept."""
+        held = self._kept(replace(self), ("functions", *_OF_STARTS))
+        free = tuple(
+            replace(item, lower=value, upper=value, guess=value) if item.name == name else item
+            for item in self.layout.free
+        )
+        held.__dict__["layout"] = replace(self.layout, free=free)
+        return held
+
+    def _kept(self, other: "Problem", names: tuple[str, ...]) -> "Problem":
+        """Hand on what was built of this problem, which holds for the other as well."""
+        other.__dict__.update({name: getattr(self, name) for name in names})
+        return other
 
 
 def make_problem(

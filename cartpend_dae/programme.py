@@ -24,6 +24,8 @@ SETTINGS = {
     "ipopt.max_iter": 100,
     "ipopt.mu_strategy": "adaptive",
 }
+# share added to the diagonal of the Hessian: along a direction that the data leave open, rounding must not make a step
+DAMPING = 1e-8
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,5 +218,6 @@ def _hessian(places: _Map, gram: ca.MX, prior: dict[int, ca.MX]) -> ca.MX:
     rows = np.tile(local, (size, 1)).ravel(order="F")
     columns = np.repeat(local, size, axis=0).ravel(order="F")
     known = np.array(list(prior), dtype=int)
-    values = ca.vertcat(ca.vec(gram), *prior.values())
+    damping = 1 + DAMPING * np.eye(size).ravel()
+    values = ca.vertcat(ca.vec(gram * ca.repmat(ca.DM(damping), 1, gram.size2())), *prior.values())
     return _sparse(np.concatenate([rows, known]), np.concatenate([columns, known]), values, (places.n, places.n))

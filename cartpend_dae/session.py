@@ -15,18 +15,15 @@ from cartpend_dae.assemble import assemble
 from cartpend_dae.assess import inverse_dynamics
 from cartpend_dae.data import Experiment
 from cartpend_dae.discover import Discovery, FreeSpec, Setup, discover
-from cartpend_dae.discover.evidence import with_robust_sd
 from cartpend_dae.discover.prove import set_values
 from cartpend_dae.discover.records import Regime
-from cartpend_dae.discover.regime import best_bandwidth
-from cartpend_dae.discover.search import STAGES
-from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, catalogue, places
-from cartpend_dae.errors import ModelError, SolverError, StudyError
+from cartpend_dae.errors import ModelError, StudyError
 from cartpend_dae.identify import Fit
 from cartpend_dae.language import Component
+from cartpend_dae.multistart import Route, fit_study
 from cartpend_dae.pieces import load_experiments
-from cartpend_dae.problem import make_problem
+from cartpend_dae.problem import Problem, make_problem
 from cartpend_dae.recording import at
 from cartpend_dae.study import FreeParameter, Study, load_model, load_study, parameter_in_si
 from cartpend_dae.system import Parameter, System
@@ -101,12 +98,8 @@ def open_study(path: Path | str, *, needs_runs: bool = True) -> Opened:
     )
 
 
-def identify_study(study: Opened | Path | str, *, report: Report | None = None) -> Fit:
+def identify_study(study: Opened | Path | str, *, report: Report | None = None, jobs: int = 1) -> Fit:
     """Estimate the free parameters and start states of a study on its training runs.
-
-    The output injection decreases in stages, each fit from the last, down to the free simulation. Where a
-    training run is scored over a horizon or by its innovations, the bandwidth of the best predictions is
-    used instead, and standard deviations are those of the block jackknife.
 
     Parameters
     ----------
@@ -114,26 +107,23 @@ def identify_study(study: Opened | Path | str, *, report: Report | None = None) 
         A study or the path of its file.
     report
         Called with (stage, what is fitted, residual in noise sds) after each fit.
+    jobs
+        Number of processes, where the study asks for several starts; the result does not depend on it.
 
     Raises
     ------
+    ModelError
+        If a parameter reaches no output.
     SolverError
         If the estimation does not converge.
     """
-    opened = study if isinstance(study, Opened) else open_study(study)
-    bench = Workbench(opened.setup, report or _silent)
-    is_free = all(run.score == "free" for run in opened.setup.train)
-    sd = bench.problem(()).prior_sd
-    stages = tuple(share * bench.frequency for share in STAGES) if is_free else (best_bandwidth(bench, [], {}, sd),)
-    fit = bench.fit((), {}, stages, sd)
-    if not is_free:
-        fit = with_robust_sd(fit, bench.solved((), fit, sd))
-    if not fit.success:
-        raise SolverError(
-            f"The fit of {opened.system.name} did not converge ({fit.message} after {fit.iterations} iterations): "
-            f"check the guesses and bounds under `parameters` and the start values of the runs."
-        )
-    return fit
+    return solve_study(study if isinstance(study, Opened) else open_study(study), report=report, jobs=jobs)[1]
+
+
+def solve_study(opened: Opened, *, report: Report | None = None, jobs: int = 1) -> tuple[Problem, Fit]:
+    """Return the estimation problem of a study and its solution; see `identify_study`."""
+    options = opened.study.identify
+    return fit_study(opened.setup, Route(options.starts, options.seed, jobs), report or _silent)
 
 
 def discover_study(study: Opened | Path | str, *, report: Report | None = None) -> Discovery:

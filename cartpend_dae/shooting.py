@@ -143,7 +143,7 @@ def sensitivities(
 def predict(
     problem: Problem, point: Mapping[str, float], bandwidth: float, *, restarts: tuple[int, ...] = ()
 ) -> np.ndarray:
-    """Predict the outputs of a problem with one run, shape (n, n_outputs).
+    """Predict the outputs of a problem with one run, whole or in pieces, shape (n, n_outputs).
 
     Parameters
     ----------
@@ -154,23 +154,25 @@ def predict(
     bandwidth
         Bandwidth of the output injection [rad/s]; 0 simulates freely.
     restarts
-        Samples at which a free simulation starts again from the state that the injection has filtered;
-        without any, the prediction itself is filtered.
+        Samples at which a free simulation of a whole run starts again from the state that the injection has
+        filtered; without any, the prediction itself is filtered.
     """
     values = scaled_values(problem, point)
     data = stack_data(problem.layout, problem.experiments, np.ones(len(problem.outputs)))
     w = np.full(len(problem.outputs), float(bandwidth))
-    n = problem.experiments[0].time.size
-    measured = np.column_stack([problem.experiments[0].outputs[name].values for name in problem.outputs])
+    layout, n_u = problem.layout, problem.system.u.numel()
+    samples = np.concatenate(
+        [first * layout.length + np.arange(n) for first, n in zip(layout.first, layout.run_lengths, strict=True)]
+    )
+    n = samples.size
     # a sample that was not measured has no residual; its prediction comes from the states
-    states = run_through(problem, values, w, data)[1][:, :n]
+    states, data = run_through(problem, values, w, data)[1][:, samples], data[:, samples]
     if restarts:
         states = _free_pieces(problem, values, data, states, restarts)
-    layout, n_u = problem.layout, problem.system.u.numel()
     p = parameters_of_run(problem, values, 0)
     outputs = problem.functions.step.measure.map(n)
-    result = outputs(data[:1, :n], data[1:2, :n], states, data[2 : 2 + n_u, :n], np.tile(p[:, None], n))
-    return np.asarray(result)[list(layout.outputs)].T.reshape(measured.shape)
+    result = outputs(data[:1], data[1:2], states, data[2 : 2 + n_u], np.tile(p[:, None], n))
+    return np.asarray(result)[list(layout.outputs)].T
 
 
 def scaled_values(problem: Problem, point: Mapping[str, float]) -> np.ndarray:

@@ -26,6 +26,7 @@ from cartpend_dae.inputs import (
 )
 from cartpend_dae.integrate import Begin, Choice, Method, Run, integrate, started, trajectory
 from cartpend_dae.language import Component
+from cartpend_dae.prepared import content, once
 from cartpend_dae.quantities import is_number
 from cartpend_dae.singular import check_regular
 from cartpend_dae.start_conditions import Steady
@@ -185,6 +186,12 @@ def _grid(
 
 def _check_start(begin: Begin, u: np.ndarray, time: float) -> None:
     system = begin.between
+    key = (content(begin.x, begin.z, begin.inputs(u), begin.p), time)
+    once(system, "rates at the start", key, lambda: _check_rates(begin, u, time))
+
+
+def _check_rates(begin: Begin, u: np.ndarray, time: float) -> None:
+    system = begin.between
     ode, _ = dae(system).rhs(time, begin.x, begin.z, begin.inputs(u), begin.p, np.zeros(system.frictions.force.numel()))
     bad = [name for name, value in zip(system.states, np.asarray(ode).ravel(), strict=True) if not np.isfinite(value)]
     if bad:
@@ -200,8 +207,10 @@ def _check_frictions(begin: Begin, u: np.ndarray, time: float) -> None:
     """Refuse dry friction whose speed nothing can change, or whose level is negative at the start."""
     system = begin.between
     f, findings = system.frictions, []
+    if not f.places:
+        return
     moving = ca.vertcat(system.x, system.z, system.u, system.time)
-    moves = ca.which_depends(f.speed, moving, 1, True) if f.places else []
+    moves = ca.which_depends(f.speed, moving, 1, True)
     arguments = [system.time, system.x, system.z, system.u, system.p, f.force]
     levels = ca.Function("levels", arguments, [f.level_pos, f.level_neg])
     values = levels(time, begin.x, begin.z, begin.inputs(u), begin.p, np.zeros(len(f.places)))

@@ -27,6 +27,7 @@ from cartpend_dae.diagnose import (
 )
 from cartpend_dae.errors import StructureError
 from cartpend_dae.explain import listed_findings
+from cartpend_dae.prepared import content, once
 from cartpend_dae.system import AliasedSystem, System, parameters_of_all
 
 Key = tuple[int, int]
@@ -66,6 +67,10 @@ def check_regular(system: System, values: np.ndarray) -> None:
     StructureError
         Naming, for each such block, unknowns, equations, parameters with their values, and the likely cause.
     """
+    once(system, "regular", content(values), lambda: _check_regular(system, values))
+
+
+def _check_regular(system: System, values: np.ndarray) -> None:
     aliased = system.aliased
     row_of = {origin: i for i, origin in enumerate(aliased.origins)}
     key_of = {name: key for key, name in system.names.items()}

@@ -23,6 +23,7 @@ from cartpend_dae import units
 from cartpend_dae.errors import ModelError, StudyError
 from cartpend_dae.language import Component
 from cartpend_dae.study_schema import (
+    DesignSpec,
     DiscoverSpec,
     ExperimentSpec,
     IdentifySpec,
@@ -63,6 +64,7 @@ class Study:
     identify: IdentifySpec
     discover: DiscoverSpec
     scores: tuple[ScoreSpec, ...]
+    design: DesignSpec | None = None
 
 
 def load_study(path: Path | str) -> Study:
@@ -105,6 +107,7 @@ def load_study(path: Path | str) -> Study:
         identify=table.identify,
         discover=table.discover,
         scores=table.score,
+        design=table.design,
     )
 
 

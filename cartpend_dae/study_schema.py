@@ -327,6 +327,27 @@ class DiscoverSpec:
 
 
 @dataclass(frozen=True, slots=True, config=_TABLE)
+class DesignSpec:
+    """What experiments are possible: the largest values of inputs, or of states to release the rig from (`max`, in SI).
+
+    `duration` is in seconds, `sample_rate` and `band` (the frequencies of inputs) in Hz; `noise` is that of the sensors
+    in SI, by default that of the training runs. `parameters` are those that matter; by default those known worst.
+    """
+
+    max: Annotated[Mapping[str, Positive], Field(min_length=1)]
+    duration: Positive = 10.0
+    sample_rate: Positive | None = None
+    band: tuple[Positive, Positive] | None = None
+    noise: Mapping[str, Positive] = Field(default_factory=dict)
+    parameters: tuple[Text, ...] | None = None
+    seed: Count = 0
+
+    def __post_init__(self) -> None:
+        if self.band is not None and not self.band[0] < self.band[1]:
+            raise ValueError(f"has band = [{self.band[0]:g}, {self.band[1]:g}]; expected the lower frequency first")
+
+
+@dataclass(frozen=True, slots=True, config=_TABLE)
 class ScoreSpec:
     """A score of the study's own: relative error of the input that the model needs for the measured motion.
 
@@ -353,6 +374,7 @@ class StudyTable:
     identify: IdentifySpec = Field(default_factory=IdentifySpec)
     discover: DiscoverSpec = Field(default_factory=DiscoverSpec)
     score: tuple[ScoreSpec, ...] = ()
+    design: DesignSpec | None = None
 
     def __post_init__(self) -> None:
         for key, names in (("experiment", self.experiment), ("score", self.score)):

@@ -196,7 +196,8 @@ class System:
 
     All expressions are CasADi SX in `time`, `x`, `z`, `u`, `p` and `frictions.force`. `invariants` are
     constraints between the states that a start must meet and that `ode` keeps; `dummies` are the variables that are no
-    states because a constraint gives them, and its origin. `positions` finds variables and independent parameters.
+    states because a constraint gives them, and its origin. `positions` finds variables and independent parameters;
+    `kept` belongs to `prepared`.
     """
 
     name: str
@@ -228,6 +229,7 @@ class System:
     aliased: AliasedSystem
     names: dict[tuple[int, int], str]
     positions: tuple[dict[str, int], dict[str, int]] = field(init=False, repr=False, compare=False)
+    kept: dict[str, dict] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Make the tables of names."""

@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from cartpend_dae.along import AllTimes
 from cartpend_dae.errors import ModelError
 from cartpend_dae.inputs import DrivenInputs
+from cartpend_dae.prepared import content, once
 from cartpend_dae.system import System
 
 MOST_TIMES = 100_000
@@ -39,32 +41,57 @@ def with_time_events(
     ModelError
         For more than 100000 times.
     """
-    timed = _decided_by_time(system)
-    if not timed:
+    timed = once(system, "time events", None, lambda: _timed(system))
+    if not timed.relations:
         return system, grid, driven
-    jumps = [_jumps(system, relation, p, grid) for relation in timed.values()]
-    times = np.concatenate([_crossings(system, k, p, found) for k, found in zip(timed, jumps, strict=True)])
-    inside = times[(times > grid[0]) & (times < grid[-1])]
-    close = 1e-12 * max(1.0, float(np.abs(grid).max()))
-    new = np.unique(inside)
-    new = new[np.diff(new, prepend=-np.inf) > close]
-    new = new[np.abs(grid[_nearest(grid, new)] - new) > close]
-    fine = np.union1d(grid, new)
-    middle = 0.5 * (fine[:-1] + fine[1:])
-    decide = ca.Function("decide", [system.time, system.p], [system.hybrid.differences[list(timed), 0] < 0])
-    rows = np.asarray(decide.map(middle.size)(middle[None, :], np.tile(p[:, None], middle.size)), dtype=float)
-    return _system(system, list(timed)), fine, _refined(driven, grid, fine, rows)
+    fine, rows = once(system, "grid", content(p, grid), lambda: _decided(system, timed, p, grid))
+    return timed.system, fine, _refined(driven, grid, fine, rows)
 
 
 @dataclass(frozen=True, slots=True)
-class _Pieces:
-    """A relation by straight pieces of time: the arguments of its floors."""
+class _Relation:
+    """A relation by straight pieces of time: values and slopes of its difference and of the arguments of its floors."""
 
-    floors: tuple[ca.SX, ...]
+    difference: AllTimes
+    floors: tuple[AllTimes, ...]
 
 
-def _decided_by_time(system: System) -> dict[int, _Pieces]:
-    """Return the relations of time alone that are straight by pieces, by their number."""
+@dataclass(frozen=True, slots=True)
+class _Timed:
+    """The relations of time alone, all that `decide` them, and the system in which they are inputs."""
+
+    relations: tuple[_Relation, ...]
+    decide: AllTimes
+    system: System
+
+
+def _timed(system: System) -> _Timed:
+    found, s = _decided_by_time(system), system
+
+    def line(expression: ca.SX) -> AllTimes:
+        column = ca.vertcat(expression, ca.jacobian(expression, s.time))
+        return AllTimes(ca.Function("line", [s.time, s.p], [column]))
+
+    relations = [_Relation(line(s.hybrid.differences[k]), tuple(line(f) for f in fs)) for k, fs in found.items()]
+    decide = ca.Function("decide", [s.time, s.p], [s.hybrid.differences[list(found), 0] < 0])
+    return _Timed(tuple(relations), AllTimes(decide), _system(s, list(found)) if found else s)
+
+
+def _decided(system: System, timed: _Timed, p: np.ndarray, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a grid with the times at which relations change, and their values over its intervals, a row for each."""
+    times = np.concatenate([_crossings(system, relation, p, grid) for relation in timed.relations])
+    inside = np.unique(times[(times > grid[0]) & (times < grid[-1])])
+    close = 1e-12 * max(1.0, float(np.abs(grid).max()))
+    new = inside[np.diff(inside, prepend=-np.inf) > close]
+    new = new[np.abs(grid[_nearest(grid, new)] - new) > close]
+    fine = np.union1d(grid, new)
+    ends = np.concatenate([grid[:1], inside, grid[-1:]])
+    pieces = timed.decide([0.5 * (ends[:-1] + ends[1:])[None, :], p], inside.size + 1).T
+    return fine, pieces[:, np.searchsorted(inside, 0.5 * (fine[:-1] + fine[1:]))]
+
+
+def _decided_by_time(system: System) -> dict[int, tuple[ca.SX, ...]]:
+    """Return the relations of time alone that are straight by pieces, by number: the arguments of their floors."""
     h = system.hybrid
     if not h.relation_places:
         return {}
@@ -77,7 +104,7 @@ def _decided_by_time(system: System) -> dict[int, _Pieces]:
         floors: list[ca.SX] = []
         straight = [_without_floors(h.differences[k], floors), *floors]
         if not any(ca.which_depends(ca.vertcat(*straight), system.time, 2, True)):
-            found[k] = _Pieces(tuple(floors))
+            found[k] = tuple(floors)
     return found
 
 
@@ -92,11 +119,11 @@ def _without_floors(expression: ca.SX, floors: list[ca.SX]) -> ca.SX:
     return ca.SX.unary(expression.op(), *parts) if len(parts) == 1 else ca.SX.binary(expression.op(), *parts)
 
 
-def _jumps(system: System, relation: _Pieces, p: np.ndarray, grid: np.ndarray) -> np.ndarray:
+def _jumps(system: System, relation: _Relation, p: np.ndarray, grid: np.ndarray) -> np.ndarray:
     """Return the times from the first to the last of the grid between which a relation is linear in time [s]."""
     times = [np.array([grid[0], grid[-1]])]
     for argument in relation.floors:
-        value, slope = (float(part[0]) for part in _line(system, argument, grid[:1], p))
+        value, slope = argument([grid[None, :1], p], 1)[0].tolist()
         last = value + slope * (grid[-1] - grid[0])
         if abs(last - value) > MOST_TIMES:
             raise ModelError(
@@ -109,22 +136,15 @@ def _jumps(system: System, relation: _Pieces, p: np.ndarray, grid: np.ndarray) -
     return np.unique(np.concatenate(times))
 
 
-def _crossings(system: System, k: int, p: np.ndarray, jumps: np.ndarray) -> np.ndarray:
-    """Return the times at which relation k may change: where it jumps, and where it passes zero in between [s]."""
+def _crossings(system: System, relation: _Relation, p: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    """Return the times at which a relation may change: where it jumps, and where it passes zero in between [s]."""
+    jumps = _jumps(system, relation, p, grid)
     middle = 0.5 * (jumps[:-1] + jumps[1:])
-    value, slope = _line(system, system.hybrid.differences[k], middle, p)
+    value, slope = relation.difference([middle[None, :], p], middle.size).T
     with np.errstate(divide="ignore", invalid="ignore"):
         times = np.where(slope != 0, middle - value / slope, np.inf)
     inside = times[(times > jumps[:-1]) & (times < jumps[1:]) & np.isfinite(times)]
     return np.concatenate([jumps[1:-1], inside])
-
-
-def _line(system: System, expression: ca.SX, times: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return values and slopes of an expression of time at some times, shapes (n,)."""
-    outputs = [expression, ca.jacobian(expression, system.time)]
-    function = ca.Function("line", [system.time, system.p], outputs).map(times.size)
-    value, slope = function(times[None, :], np.tile(p[:, None], times.size))
-    return np.asarray(value).ravel(), np.asarray(slope).ravel()
 
 
 def _nearest(grid: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -144,7 +164,10 @@ def _system(system: System, timed: Sequence[int]) -> System:
 
 
 def _refined(driven: DrivenInputs, grid: np.ndarray, fine: np.ndarray, rows: np.ndarray) -> DrivenInputs:
-    interval = np.clip(np.searchsorted(grid, fine[:-1], side="right") - 1, 0, grid.size - 2)
-    slope = driven.slope[:, interval]
-    left = driven.left[:, interval] + slope * (fine[:-1] - grid[interval])
+    """Return inputs over the intervals of a finer grid, with further rows of them."""
+    left, slope = driven.left, driven.slope
+    if fine.size > grid.size:
+        interval = np.clip(np.searchsorted(grid, fine[:-1], side="right") - 1, 0, grid.size - 2)
+        slope = slope[:, interval]
+        left = left[:, interval] + slope * (fine[:-1] - grid[interval])
     return DrivenInputs(np.vstack([left, rows]), np.vstack([slope, np.zeros_like(rows)]), driven.expressions)

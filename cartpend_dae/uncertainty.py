@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.directions import blind_directions
+from cartpend_dae.piece_scatter import with_piece_scatter
 from cartpend_dae.problem import Problem
 from cartpend_dae.residual_noise import NoiseModel, meat, noise_model
 from cartpend_dae.unknowns import Free
@@ -52,8 +53,9 @@ def uncertainty(
     """Say how sure the variables of a problem are at its solution.
 
     The covariance is the sandwich G^-1 M G^-1 with the Hessian G of Gauss and Newton and the covariance M of the
-    gradient under the noise that the residuals show, coloured where they are. Directions that the data do not see have
-    infinite variance; a variable on its bound is held there.
+    gradient under the noise that the residuals show, coloured where they are; where runs are in pieces, at least the
+    scatter of the jackknife over these. Directions that the data do not see have infinite variance; a variable on its
+    bound is held there.
 
     Parameters
     ----------
@@ -82,7 +84,8 @@ def uncertainty(
     middle = meat([run[:, :, inside] for run in slopes], noise) + prior
     inverse, null = _inverse(gram)
     covariance = np.zeros((len(everything), len(everything)))
-    covariance[np.ix_(inside, inside)] = inverse @ middle @ inverse
+    sandwich = inverse @ middle @ inverse
+    covariance[np.ix_(inside, inside)] = with_piece_scatter(problem, inside, residuals, slopes, gram, sandwich)
     covariance *= np.outer(slope, slope)
     for i in np.flatnonzero(np.abs(null).max(axis=1, initial=0.0) > 1e-3):
         status[inside[i]] = "unidentifiable"

@@ -5,18 +5,19 @@ from cartpend_dae.library.translational import Fixed, Mass, PositionSensor, Rail
 
 
 class LinearDampMod(Component):
-    """Inertial mass, rigid chain, cart and springs: (m_c + m_in) der(v) + d v + K1 (s + a) - K2 (a - s) = 0.
+    """Inertial mass, chain, cart, springs: (m_c + m_in) der(v) + d v + f_c sgn v + K1 (s + a) - K2 (a - s) = 0.
 
         left |--spring_1--[cart]--spring_2--| right      rail: between ground and cart
                              |
                           (chain)--[inertial]--encoder
 
-    At `encoder.s` = 0 both springs are stretched by a.
+    At `encoder.s` = 0 both springs are stretched by a. Without `f_c` [N] the rail has no dry friction.
     """
 
     a: Param = param(unit="m", default=0.095, min=0, doc="stretch of both springs at s = 0")
     l_1: Param = param(unit="m", default=0.11, min=0, doc="unstretched length of spring 1")
     l_2: Param = param(unit="m", default=0.125, min=0, doc="unstretched length of spring 2")
+    f_c: float = 0.0
 
     def __post_init__(self) -> None:
         self.left = Fixed(s0=-(self.l_1 + self.a))
@@ -25,7 +26,7 @@ class LinearDampMod(Component):
         self.spring_2 = Spring(c=1320.1, s_rel0=self.l_2)
         self.right = Fixed(s0=self.l_2 + self.a)
         self.ground = Fixed()
-        self.rail = RailFriction(d=48.0)
+        self.rail = RailFriction(d=48.0, f_c=self.f_c)
         self.inertial = Mass(m=6.8)
         self.encoder = PositionSensor()
 

@@ -5,14 +5,17 @@ from cartpend_dae.library.rotational import BearingFriction, Fixed, SlenderRod
 
 
 class RotaDamp(Component):
-    """Rod pendulum in a bearing on the ground, J der(w) + d w + m g (l/2) sin phi = 0, J = m l^2/3.
+    """Rod pendulum in a bearing on the ground, J der(w) + d w + tau_c sgn w + m g (l/2) sin phi = 0, J = m l^2/3.
 
-    `bearing.phi` is 0 where the rod hangs; it is released at rest at -0.351 rad.
+    `bearing.phi` is 0 where the rod hangs; it is released at rest at -0.351 rad. Without `tau_c` [N.m] the bearing
+    has no dry friction.
     """
+
+    tau_c: float = 0.0
 
     def __post_init__(self) -> None:
         self.ground = Fixed()
-        self.bearing = BearingFriction(d=0.0375)
+        self.bearing = BearingFriction(d=0.0375, tau_c=self.tau_c)
         self.rod = SlenderRod(m=0.1719, l=0.86, g=9.81)
 
     def equations(self) -> Statements:

@@ -256,11 +256,12 @@ def fixed_starts(example: Example) -> Iterator[tuple[str, float]]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How near a simulation came to the reference: worst use of the tube by our signal names, and seconds."""
+    """How near a simulation came to the reference: worst use of the tube by our signal names, seconds and events."""
 
     use: dict[str, float]
     seconds: float
     start: dict[str, float]
+    events: int
 
     @property
     def worst(self) -> float:
@@ -288,4 +289,4 @@ def run(example: Example) -> Outcome:
         found = np.zeros_like(result.time) if listed["name"].endswith(INSTANTS) else result[ours]
         use[ours] = compare.check_signal(reference, values, result.time, found, width, height)[1]
     start = {name: float(result[name][0]) for name in result.names}
-    return Outcome(use, seconds, start)
+    return Outcome(use, seconds, start, result.n_events)

@@ -233,6 +233,9 @@ def test_directions_that_the_data_leave_open_are_named():
     )
     square = np.array([[8.0], [0.2], [-3.0]])
     assert "`cart.m*rail.d^2` and `motor.k*rail.d` are identified" in blind_directions(names, values, square)[0]
+    # two masses of which only the sum moves: no product of powers stays
+    apart = blind_directions(("cart.m", "drive.m"), np.array([4.609, 6.763]), np.array([[1.0], [-1.0]]))
+    assert apart == ("`cart.m` and `drive.m` move the outputs alike: only a combination of them is identified",)
     assert blind_directions(names, values, np.array([[0.0], [1.0], [0.0]])) == ("`motor.k` does not reach the outputs",)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import independent
 import numpy as np
 import pytest
+from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.special import ellipj, ellipk
 
@@ -104,3 +105,30 @@ def test_it_imports_nothing_but_numpy_and_the_standard_library():
     imported = {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
     imported |= {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)}
     assert {name.split(".")[0] for name in imported} - set(sys.stdlib_module_names) == {"numpy"}
+
+
+MOTOR = {"resistance": 0.739, "inductance": 245e-6, "constant": 0.170, "inertia": 1.2e-4}
+
+
+def test_motor_without_dry_friction_is_the_matrix_exponential():
+    voltage = np.repeat([6.0, -9.0, 0.0, 12.0], 25)
+    _, current, speed = independent.dc_motor(voltage=voltage, viscous=1e-4, coulomb=0.0, **MOTOR)
+    R, L, k, J = MOTOR.values()
+    A = np.array([[-R / L, -k / L, 1 / L], [k / J, -1e-4 / J, 0.0], [0.0, 0.0, 0.0]])
+    step, state = expm(A * 5e-4), np.zeros(2)
+    for n, u in enumerate(voltage):
+        # RK4 with a step of 3 % of the time constant of the winding: 1e-8 in each
+        assert (current[n], speed[n]) == pytest.approx(tuple(state), rel=1e-6, abs=1e-6)
+        state = (step @ [*state, u])[:2]
+
+
+def test_motor_sticks_until_its_current_moves_it_and_runs_at_the_speed_that_friction_leaves():
+    coulomb, viscous = 0.05, 1e-4
+    R, L, k, _ = MOTOR.values()
+    small, large = 0.9 * coulomb * R / k, 6.0
+    voltage = np.repeat([small, large, 0.0], 100)
+    times, current, speed = independent.dc_motor(voltage=voltage, viscous=viscous, coulomb=coulomb, **MOTOR)
+    assert np.all(speed[:101] == 0)
+    np.testing.assert_allclose(current[:100], small / R * (1 - np.exp(-R / L * times[:100])), rtol=1e-6, atol=1e-9)
+    assert speed[200] == pytest.approx((k * large - R * coulomb) / (k**2 + R * viscous), rel=1e-5)
+    assert speed[299] == 0

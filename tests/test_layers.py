@@ -13,6 +13,7 @@ MAX_LINES = 400
 
 LAYERS = """
     errors units graph explicit
+    parallel
     explain linear compiled along
     quantities collector
     declarations switching
@@ -21,6 +22,7 @@ LAYERS = """
     library
     hybrid
     system
+    prepared
     gathered dimension_rules statements
     templates connections dimensions
     happenings
@@ -64,18 +66,21 @@ LAYERS = """
     programme
     problem
     shooting
-    directions residual_noise
+    directions residual_noise gauss_newton piece_scatter
     uncertainty weak
     identify
-    descent
+    starting likelihood bootstrap bands excitation
+    experiment_design
     assess
     effects
     discover
+    multistart
     session
-    data_report
+    data_report planning
     report.text
     plots animate
     report
+    console
     cli
     __main__
 """

@@ -240,3 +240,14 @@ def test_what_is_held_on_one_side_only_leaves_as_soon_as_the_force_turns():
     result = run(Ratchet(), 1.4)
     closed = np.where(result.time < 0.5, 0, (1 - np.sin(np.pi * result.time)) / np.pi)
     assert result["v"] == pytest.approx(closed, abs=CLOSE)
+
+
+@pytest.mark.parametrize("points", [7, 101, 501, 1501])
+def test_a_brake_whose_pressure_fades_between_two_outputs_becomes_free_once(points):
+    brake = f.Brake(mu_pos=((0.0, 0.5),), cgeo=0.2, fn_max=3.0)
+    model = shaft(brake, press=signals.Sine(amplitude=1.0, f=0.2, phase=np.pi / 2))
+    result = run(model, 1.5, start={"body.phi": 0.0, "body.w": 4.0}, points=points)
+    # J w' = -0.3 cos(0.4 pi t) up to 1.25 s, where the pressure is cut off at zero
+    since = np.minimum(result.time, 1.25)
+    assert result["body.w"] == pytest.approx(4.0 - 0.3 / 0.5 * np.sin(0.4 * np.pi * since) / (0.4 * np.pi), abs=CLOSE)
+    assert result.n_events == 1

@@ -35,6 +35,18 @@ FIXED_NAMES = {
         "bearing.phi": "rad",
         "motor.i": "A",
     },
+    "dfki_pendulum": {
+        "arm.J": "kg.m2",
+        "weight.tau_g": "N.m",
+        "bearing.d": "N.m.s/rad",
+        "motor.tau": "N.m",
+        "bearing.phi": "rad",
+    },
+    "silverbox": {"mass.m": "kg", "spring.c": "N/m", "spring.d": "N.s/m", "force.f": "N", "sensor.s": "m"},
+    "gear_motor": {"motor.k": "N.m/A", "motor.J": "kg.m2", "amplifier.u": "V", "tachometer.w": "rad/s"},
+    "oscillator": {"spring.c": "N/m", "track.d": "N.s/m", "camera.s": "m"},
+    "pendulum": {"weight.tau_g": "N.m", "bearing.d": "N.m.s/rad", "bearing.phi": "rad"},
+    "motor": {"motor.R": "Ohm", "motor.L": "H", "bearing.tau_c": "N.m", "motor.i": "A", "tachometer.w": "rad/s"},
 }
 """Free parameters, inputs and outputs that studies name, with their units."""
 STATES = {

@@ -17,8 +17,8 @@ from cartpend_dae.identify import Fit
 
 # stages of decreasing output injection, in units of the dominant frequency
 STAGES = (5.0, 2.0, 0.7, 0.0)
-# so many of the best predictions are fitted at the first stage, for so many steps, and the best of them to the end
-WIDE, EARLY_STEPS, NARROW = 10, 12, 4
+# so many of the best predictions are fitted at the first stage, and the best of them to the end
+WIDE, NARROW = 10, 4
 # predictions below this share of the best one are not fitted
 FAINT = 0.03
 # models whose criterion differs by less than this, or this share of chi2, explain the data alike: the smaller is taken
@@ -245,7 +245,7 @@ def _tried(bench: Workbench, base: _Base, rules: _Rules, candidate: Candidate) -
     together = (*base.taken, candidate.insertion)
     guess = base.fits[rules.screening].point | candidate.parameters
     hints = candidate.parameters
-    fit = bench.fit(together, guess, (rules.screening,), rules.sd, hints, max_steps=EARLY_STEPS)
+    fit = bench.fit(together, guess, (rules.screening,), rules.sd, hints, patient=False)
     return bic(fit), replace(candidate, fit=fit)
 
 
@@ -274,7 +274,7 @@ def _judge(bench: Workbench, base: _Base, rules: _Rules, candidate: Candidate) -
     together = (*base.taken, candidate.insertion)
     assert candidate.fit is not None
     stages = (rules.screening,) if rules.regime == "disturbances" else (rules.screening, 0.0)
-    fit = bench.fit(together, candidate.fit.point, stages, rules.sd, candidate.parameters)
+    fit = bench.fit(together, candidate.fit.point, stages, rules.sd, candidate.parameters, patient=False)
     parameters = {name: fit.values[name] for name in candidate.insertion.parameter_names}
     if rules.regime == "noise":
         gain, t = bic(base.fit) - bic(fit), _white_t(fit, candidate.insertion)

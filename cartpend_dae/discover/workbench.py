@@ -7,10 +7,8 @@ import numpy as np
 
 from cartpend_dae.assemble import assemble
 from cartpend_dae.data import Experiment
-from cartpend_dae.descent import descend
 from cartpend_dae.discover.records import Setup
 from cartpend_dae.effects import Insertion, insert_all
-from cartpend_dae.errors import SolverError
 from cartpend_dae.identify import Fit, estimate
 from cartpend_dae.language import Component
 from cartpend_dae.problem import Problem, dominant_frequency, free_parameter, make_problem
@@ -21,24 +19,25 @@ from cartpend_dae.unknowns import Free, tie
 Report = Callable[[str, str, float], None]
 # product of step and fastest eigenvalue where integration need not be exact; Runge-Kutta is stable up to 2.8
 COARSE = 1.0
-# simulations of a fit by single shooting, before multiple shooting is tried
-STEPS = 60
 
 
 @dataclass(slots=True)
 class Workbench:
-    """Builds and solves the estimation problems of one study; `report` hears of each fit."""
+    """Builds and solves the estimation problems of one study; `report` hears of each fit.
+
+    `problems` are those made so far, by the effects in them.
+    """
 
     setup: Setup
     report: Report
-    _problems: dict[tuple[str, ...], Problem] = field(default_factory=dict)
+    problems: dict[tuple[str, ...], Problem] = field(default_factory=dict)
 
     def problem(self, insertions: tuple[Insertion, ...], hints: Mapping[str, float] | None = None) -> Problem:
         """Return the problem of the model with effects; `hints` are sizes of the effects' parameters."""
         key = tuple(str((insertion.prefix, dict(insertion.values))) for insertion in insertions)
-        if key not in self._problems:
-            self._problems[key] = self.build(insertions, self.setup.train, hints or {})
-        return self._problems[key]
+        if key not in self.problems:
+            self.problems[key] = self.build(insertions, self.setup.train, hints or {})
+        return self.problems[key]
 
     def build(
         self,
@@ -104,15 +103,15 @@ class Workbench:
         sd: np.ndarray,
         hints: Mapping[str, float] | None = None,
         *,
-        max_steps: int | None = None,
+        patient: bool = True,
     ) -> Fit:
-        """Fit along decreasing output injection, each stage from the last."""
+        """Fit along decreasing output injection, each stage from the last; `patient` as of `estimate`."""
         problem = self.problem(insertions, hints)
         label = " + ".join(insertion.prefix for insertion in insertions) or "baseline"
         point = dict(guess)
         fit: Fit | None = None
         for bandwidth in bandwidths:
-            fit = _solved(problem, bandwidth, point, sd, max_steps)
+            fit = estimate(problem, bandwidth=bandwidth, guess=point, sd=sd, patient=patient)
             self.report(f"fit at {bandwidth:.3g} rad/s", label, float(np.sqrt(fit.chi2 / fit.n_residuals)))
             point = fit.point
         assert fit is not None
@@ -132,21 +131,6 @@ class Workbench:
     def frequency(self) -> float:
         """Dominant angular frequency of the measured motion [rad/s]."""
         return dominant_frequency(self.setup.train)
-
-
-def _solved(
-    problem: Problem, bandwidth: float, guess: Mapping[str, float], sd: np.ndarray, max_steps: int | None
-) -> Fit:
-    """Fit by single shooting, and where that does not end well by multiple shooting; roughly if steps are few."""
-    if np.isfinite(problem.huber):
-        return estimate(problem, bandwidth=bandwidth, guess=guess, sd=sd)
-    try:
-        fit = descend(problem, bandwidth=bandwidth, guess=guess, sd=sd, max_steps=max_steps or STEPS)
-        if fit.success or max_steps:
-            return fit
-    except SolverError:
-        pass
-    return estimate(problem, bandwidth=bandwidth, guess=guess, sd=sd)
 
 
 def _finite(bound: float) -> float | None:

@@ -4,11 +4,12 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
@@ -18,9 +19,10 @@ from cartpend_dae.data import Trajectory
 from cartpend_dae.discover import Discovery
 from cartpend_dae.discover.records import Search
 from cartpend_dae.errors import StudyError
+from cartpend_dae.experiment_design import Ranking
 from cartpend_dae.identify import Fit
 from cartpend_dae.report.model_plus import model_plus_source
-from cartpend_dae.report.result import Identification, discovery_result, identification_result, plain
+from cartpend_dae.report.result import Identification, design_result, discovery_result, identification_result, plain
 from cartpend_dae.report.text import all_candidates
 from cartpend_dae.session import Opened
 from cartpend_dae.system import System
@@ -96,9 +98,15 @@ def write_identification(folder: Path, opened: Opened, found: Identification, se
     result = identification_result(opened, found, seconds)
     with complete(folder) as partial:
         _json(partial / "result.json", result)
-        _runs(partial, found.errors, None)
+        _runs(partial, found.errors, None, found.bands)
         _parameters(partial / "parameters.csv", opened, {"fit": found.fit})
     return result
+
+
+def write_design(folder: Path, opened: Opened, ranking: Ranking) -> None:
+    """Write the ranking of candidate experiments to `design.json` in a folder."""
+    with complete(folder) as partial:
+        _json(partial / "design.json", design_result(opened, ranking))
 
 
 def write_simulation(out: Path, system: System, trajectory: Trajectory) -> tuple[Path, Path]:
@@ -118,14 +126,16 @@ def _figure(path: Path, figure: Figure) -> None:
     figure.savefig(path, dpi=plots.DPI)
 
 
-def _runs(folder: Path, before: Assessment, after: Assessment | None) -> None:
+def _runs(
+    folder: Path, before: Assessment, after: Assessment | None, bands: Mapping[str, np.ndarray] | None = None
+) -> None:
     """Write series and figure of each run, and the overview of all."""
     last = {run.name: run for run in after.runs} if after else {}
     taken: set[str] = set(TAKEN)
     for run in before.runs:
         stem = _file_name(run.name, taken)
         run_table(run, last.get(run.name)).to_csv(folder / f"{stem}.csv", index=False)
-        _figure(folder / f"{stem}.png", plots.run_figure(run, last.get(run.name)))
+        _figure(folder / f"{stem}.png", plots.run_figure(run, last.get(run.name), sd=(bands or {}).get(run.name)))
     _figure(folder / "residuals.png", plots.level_figure(before, after))
 
 

@@ -2,17 +2,22 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
 
 from cartpend_dae.assess import Assessment, assess
+from cartpend_dae.bands import prediction_sd
+from cartpend_dae.bootstrap import Bootstrap, Kind, bootstrap
 from cartpend_dae.discover import Discovery, Gate, residuals
 from cartpend_dae.discover.gate import LIMIT
 from cartpend_dae.discover.records import Candidate, Search, Step
+from cartpend_dae.experiment_design import Ranking
 from cartpend_dae.identify import Estimate, Fit
+from cartpend_dae.likelihood import Profile, profile
+from cartpend_dae.problem import Problem
 from cartpend_dae.report.text import all_candidates, discovery_sentence, identification_sentence
 from cartpend_dae.session import Opened
 
@@ -26,20 +31,43 @@ class Identification:
     fit: Fit
     errors: Assessment
     gate: Gate
+    bands: Mapping[str, np.ndarray] = field(default_factory=dict)
+    profiles: tuple[Profile, ...] = ()
+    bootstrap: Bootstrap | None = None
 
 
-def identification_of(opened: Opened, fit: Fit) -> Identification:
-    """Measure the errors of a fit on all runs of its study."""
+def further(
+    problem: Problem, fit: Fit, profiles: tuple[str, ...], number: int, kind: Kind, seed: int, jobs: int
+) -> tuple[tuple[Profile, ...], Bootstrap | None]:
+    """Return the profiles of parameters, and what a bootstrap of so many fits finds, None for 0."""
+    followed = tuple(profile(problem, fit, name, jobs=jobs) for name in profiles)
+    return followed, bootstrap(problem, fit, number, kind=kind, seed=seed, jobs=jobs) if number else None
+
+
+def identification_of(
+    opened: Opened,
+    fit: Fit,
+    problem: Problem | None = None,
+    profiles: tuple[Profile, ...] = (),
+    again: Bootstrap | None = None,
+) -> Identification:
+    """Measure the errors of a fit on all runs of its study; with its problem, also how sure its predictions are."""
     setup = opened.setup
+    runs = (*setup.train, *setup.select, *setup.test)
+    bands = {}
+    if problem is not None:
+        bands = {
+            run.name: prediction_sd(problem, fit, run) for run in runs if run.score == "free" and run.piece is None
+        }
     errors = assess(
         opened.system,
         fit,
-        (*setup.train, *setup.select, *setup.test),
+        runs,
         setup.scores,
         bandwidth=float(fit.bandwidth[0]),
         step=setup.step,
     )
-    return Identification(fit, errors, residuals(fit))
+    return Identification(fit, errors, residuals(fit), bands, profiles, again)
 
 
 def identification_result(opened: Opened, found: Identification, seconds: float) -> Json:
@@ -59,8 +87,36 @@ def identification_result(opened: Opened, found: Identification, seconds: float)
             "bandwidth": float(found.fit.bandwidth[0]),
             "gate": {"limit": LIMIT, "baseline": _gate(found.gate), "final": _gate(found.gate)},
             "interrupted": False,
+            "notes": list(found.fit.notes),
+            "profiles": {item.name: _profile(item) for item in found.profiles},
+            "bootstrap": None if found.bootstrap is None else _bootstrap(found.bootstrap),
         }
     )
+
+
+def _profile(found: Profile) -> Json:
+    numbers = {"values": found.values.tolist(), "z": found.z.tolist(), "interval": list(found.interval)}
+    return numbers | {"unit": found.unit}
+
+
+def _bootstrap(found: Bootstrap) -> Json:
+    parameters = {
+        name: {"sd": sd, "interval": interval.tolist()}
+        for name, sd, interval in zip(found.names, found.sd, found.intervals, strict=True)
+    }
+    head = {"kind": str(found.kind), "fits": len(found.values), "failed": found.failed, "block": found.block}
+    return head | {"parameters": parameters}
+
+
+def design_result(opened: Opened, ranking: Ranking) -> Json:
+    """Return the result of `design`; standard deviations are relative to the parameters."""
+    entries = [
+        {"name": c.name, "d": c.d, "e": c.e, "relative_sd": c.sd, "message": c.message}
+        for c in (ranking.before, *ranking.candidates)
+    ]
+    head = _head("design", opened, 0.0)
+    del head["seconds"]
+    return plain(head | {"weak": list(ranking.weak), "before": entries[0], "candidates": entries[1:]})
 
 
 def discovery_result(opened: Opened, discovery: Discovery, seconds: float) -> Json:

@@ -8,7 +8,9 @@ from rich.table import Table
 from cartpend_dae.assess import Assessment
 from cartpend_dae.data import Experiment, Trajectory, noise_sd
 from cartpend_dae.discover.records import Search
+from cartpend_dae.experiment_design import Ranking
 from cartpend_dae.identify import Estimate, Fit
+from cartpend_dae.report.result import Identification
 from cartpend_dae.report.text import all_candidates, for_people, quantity, uncertain
 from cartpend_dae.session import Opened
 from cartpend_dae.system import System
@@ -107,6 +109,35 @@ def estimate_table(before: Fit | None, after: Fit, opened: Opened) -> Table:
 def _value(estimate: Estimate) -> str:
     why = {"at-bound": " (on its bound)", "unidentifiable": " (not determined)"}
     return uncertain(estimate.value, estimate.sd) + why.get(estimate.status, "")
+
+
+def interval_table(found: Identification) -> Table:
+    """Return the 95 % intervals by the formula, by profile likelihood, and by bootstrap."""
+    table = _table("Intervals of 95 %", "parameter", "by covariance", "by profile", "by bootstrap", "bootstrap sd")
+    profiles = {item.name: item.interval for item in found.profiles}
+    again = found.bootstrap
+    drawn = {} if again is None else {name: k for k, name in enumerate(again.names)}
+    for e in found.fit.parameters:
+        k = drawn.get(e.name)
+        made = ("", "") if again is None or k is None else (_ends(*again.intervals[k]), f"{again.sd[k]:.3g}")
+        table.add_row(
+            f"{e.name} [{e.unit}]", _ends(*e.interval), _ends(*profiles[e.name]) if e.name in profiles else "", *made
+        )
+    return table
+
+
+def _ends(low: float, high: float) -> str:
+    return f"{low:.5g} to {high:.5g}"
+
+
+def ranking_table(ranking: Ranking) -> Table:
+    """Return the candidate experiments, the best first, with the relative sd that each would leave."""
+    heads = [f"{name}\nsd" for name in ranking.weak]
+    table = _table("Experiments", "experiment", "D", "E", *heads)
+    for item in (*ranking.candidates, ranking.before):
+        left = [_share(item.sd[name]) if name in item.sd else "" for name in ranking.weak]
+        table.add_row(item.name, _share(item.d), _share(item.e), *left)
+    return table
 
 
 def candidate_table(search: Search) -> Table:

@@ -11,6 +11,7 @@ from cartpend_dae.discover import Discovery, Gate
 from cartpend_dae.discover.gate import LIMIT
 from cartpend_dae.discover.records import Candidate, Search
 from cartpend_dae.errors import SolverError
+from cartpend_dae.experiment_design import Ranking
 from cartpend_dae.identify import Estimate, Fit
 from cartpend_dae.session import Opened
 from cartpend_dae.start_report import describe_start
@@ -196,7 +197,19 @@ def remarks(fit: Fit) -> tuple[str, ...]:
     for estimate in fit.parameters:
         if estimate.status == "at-bound":
             found.append(f"`{estimate.name}` ended on its bound, {with_unit(f'{estimate.value:.4g}', estimate.unit)}.")
-    return tuple(found)
+    return (*found, *fit.notes)
+
+
+def ranking_sentence(ranking: Ranking) -> str:
+    """Say which experiment to make, and what it would leave unknown."""
+    best = ranking.candidates[0]
+    names = listing(ranking.weak)
+    if not math.isfinite(best.d):
+        return f"None of the {len(ranking.candidates)} candidates determines {names}: {best.message}."
+    left = ", ".join(f"`{name}` to {100 * sd:.2g} %" for name, sd in best.sd.items())
+    other = ranking.best_by_e
+    also = "" if other == best.name else f" By its least certain direction (E) the best is: {other}."
+    return f"For {names} the best by the volume of confidence (D) is: {best.name}. It would give {left}.{also}"
 
 
 def describe_model(system: System, *, everything: bool = False) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 RESULTS = HERE / "results"
-SECTIONS = ("scale", "simulate")
+SECTIONS = ("scale", "simulate", "identify")
 
 
 def record(name, results):
@@ -21,9 +21,9 @@ def record(name, results):
     (RESULTS / f"{name}.json").write_text(json.dumps(results, indent=1) + "\n")
 
 
-def recorded():
-    """Return what the benchmarks found, by section."""
-    files = {name: RESULTS / f"{name}.json" for name in SECTIONS}
+def recorded(*names):
+    """Return what the benchmarks found, by section; of all that are on the page if none is named."""
+    files = {name: RESULTS / f"{name}.json" for name in names or SECTIONS}
     return {name: json.loads(file.read_text()) for name, file in files.items() if file.exists()}
 
 

@@ -22,13 +22,14 @@ import numpy as np
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(HERE / "loop")]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(HERE / "loop"), str(ROOT / "tests" / "msl")]
 
 import hand  # noqa: E402
 from benchmarks import page  # noqa: E402
 from benchmarks.scale import machine, version  # noqa: E402
 from benchmarks.simulate_text import LIMIT  # noqa: E402
 from composed import STATES, ClosedLoop  # noqa: E402
+from coupled_clutches import CoupledClutches  # noqa: E402
 
 from cartpend_dae import assemble, simulate  # noqa: E402
 from cartpend_dae.compiled import compiled  # noqa: E402
@@ -36,6 +37,7 @@ from cartpend_dae.continuous import without_events  # noqa: E402
 
 GRID = np.linspace(0.0, hand.STOP, hand.POINTS)
 TOLERANCES = [10.0 ** (-k / 4) for k in range(16, 45)]  # 1e-4 to 1e-11; the absolute one is a hundredth of it
+FRICTION, PERIOD = 6.0, 0.01  # N on the rail, s between two samples of the controller
 REPEATS, LONG = 15, 0.3  # a run longer than this [s] is not repeated
 FAR, IN_A_ROW = 100.0, 3  # an error so far off skips a decade; so many tolerances must be right
 PEERS = {"scipy": "with_scipy.py", "rumoca": "with_rumoca.py"}
@@ -67,7 +69,8 @@ class Case:
 
     name: str
     prepare: Callable[[float], Callable[[], np.ndarray]]
-    prepares_itself: bool = False
+    first: Callable[[float], float] | None = None
+    reference: np.ndarray | None = None
 
 
 def by_hand():
@@ -96,38 +99,96 @@ def integration(name, problem, plugin, translate=lambda function: function):
     return Case(name, prepare)
 
 
-def whole(name, system, method):
-    """Return the case of `simulate`: start, integration, and all variables at all times."""
+def whole(name, model, method="adaptive", *, compile=False, reference=None):
+    """Return the case of `simulate`: start, integration, and all variables at all times, not for the first time."""
+    system = assemble(model)
 
-    def prepare(tolerance):
-        def run():
-            result = simulate(system, times=GRID, method=method, rtol=tolerance, atol=tolerance / 100)
-            return np.array([result[name] for name in STATES])
+    def run(system, tolerance):
+        options = {"rtol": tolerance, "atol": tolerance / 100, "compile": compile}
+        result = simulate(system, times=GRID, method=method, **options)
+        return np.array([result[name] for name in STATES])
 
-        return run
+    def first(tolerance):
+        fresh = assemble(model)
+        return timed(lambda: run(fresh, tolerance))[0]
 
-    return Case(name, prepare, prepares_itself=True)
+    return Case(name, lambda tolerance: lambda: run(system, tolerance), first, reference)
+
+
+def states_of(system):
+    """Return the states of a loop with events by `rosenbrock`, and how far `erk` is from it, both compiled."""
+    runs = []
+    for method, tolerance in (("rosenbrock", 1e-10), ("erk", 1e-9)):
+        options = {"rtol": tolerance, "atol": tolerance / 100, "compile": True}
+        result = simulate(system, times=GRID, method=method, **options)
+        runs.append(np.array([result[name] for name in STATES]))
+    return runs[0], float(np.abs(runs[0] - runs[1]).max())
 
 
 def cases():
-    """Return all cases; the first is the yardstick.
-
-    Here the events of friction ("friction"), the sampled loop ("sampled") and CoupledClutches ("clutches") find
-    their place; the targets in `simulate_text.py` look for these names.
-    """
-    ours, mine = assemble(ClosedLoop()), by_hand()
-    parts = of_components(ours)
+    """Return all cases, the first of which is the yardstick, and how far the references with events may be off."""
+    ours, mine = ClosedLoop(), by_hand()
+    friction, sampled = ClosedLoop(f_c=FRICTION), ClosedLoop(period=PERIOD)
+    (rubbed, doubt_1), (held, doubt_2) = states_of(assemble(friction)), states_of(assemble(sampled))
+    parts = of_components(assemble(ours))
     return [
         integration("yardstick", mine, "cvodes"),
         integration("hand, rosenbrock, compiled", mine, "rosenbrock", compiled),
         integration("cvodes", parts, "cvodes"),
         integration("rosenbrock", parts, "rosenbrock"),
-        integration("erk", parts, "erk"),
         integration("rosenbrock, compiled", parts, "rosenbrock", compiled),
         integration("erk, compiled", parts, "erk", compiled),
         whole("simulate, cvodes", ours, "cvodes"),
         whole("simulate, rosenbrock", ours, "rosenbrock"),
-    ]
+        whole("simulate, compiled", ours, compile=True),
+        whole("friction", friction, "rosenbrock", reference=rubbed),
+        whole("friction, compiled", friction, "rosenbrock", compile=True, reference=rubbed),
+        whole("sampled", sampled, "erk", compile=True, reference=held),
+    ], {"friction": doubt_1, "sampled": doubt_2}
+
+
+def clutches():
+    """Time CoupledClutches with the package's own tolerances: the first call apart, then the fastest of some."""
+    model = assemble(CoupledClutches())
+    first, again, *more = (timed(lambda: simulate(model, 1.5, points=1501))[0] for _ in range(REPEATS))
+    return {"tolerance": 1e-8, "error": None, "seconds": [again, *more], "prepare": first}
+
+
+def a_million():
+    """Time a million outputs of the closed loop, and the memory that they take, in a process of its own."""
+    code = """
+import resource, sys, time
+import numpy as np
+from composed import ClosedLoop
+from cartpend_dae import assemble, simulate
+system = assemble(ClosedLoop())
+simulate(system, 1.0)
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+begin = time.perf_counter()
+result = simulate(system, 60.0, points=1_000_001)
+seconds = time.perf_counter() - begin
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+print(seconds, (peak - before) / 1024, result.values.nbytes / 2**20, len(result.names))
+"""
+    path = os.pathsep.join([str(ROOT), str(HERE / "loop")])
+    environment = os.environ | {"PYTHONPATH": path}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+    if done.returncode:
+        raise SystemExit(done.stderr)
+    seconds, memory, own, names = map(float, done.stdout.split())
+    return {"seconds": seconds, "memory": memory, "result": own, "names": int(names)}
+
+
+def held_input():
+    """Time 5,000 held samples of an input: the driven cart under a random voltage for 50 s."""
+    sys.path.insert(0, str(ROOT / "models"))
+    from driven_cart import DrivenCart
+
+    system, rng = assemble(DrivenCart()), np.random.default_rng(1)
+    samples = (np.arange(5000) * 0.01, rng.uniform(-1, 1, 5000), "zoh")
+    inputs = {"amplifier.u": samples}
+    first, *more = (timed(lambda: simulate(system, 50.0, points=5001, inputs=inputs))[0] for _ in range(3))
+    return {"first": first, "seconds": min(more)}
 
 
 def timed(call):
@@ -148,7 +209,7 @@ def loosest(case, reference):
         if position >= len(TOLERANCES):
             raise SystemExit(f"{case.name}: no tolerance gives an error below {LIMIT:g}.")
         run = case.prepare(TOLERANCES[position])
-        error = float(np.abs(run() - reference).max())
+        error = float(np.abs(run() - (reference if case.reference is None else case.reference)).max())
         right = [*right, (TOLERANCES[position], error, run)] if error < LIMIT else []
         position += 4 if error > FAR * LIMIT else 1
     return right[0]
@@ -160,7 +221,7 @@ def measure(chosen, reference):
     for case in chosen:
         tolerance, error, run = loosest(case, reference)
         found[case.name] = {"tolerance": tolerance, "error": error, "seconds": [], "run": run}
-        found[case.name] |= {} if case.prepares_itself else preparations(case, tolerance)
+        found[case.name] |= preparations(case, tolerance)
         print(f"{case.name}: tolerance {tolerance:.2g}, error {error:.2g}", file=sys.stderr)
     for _ in range(REPEATS):
         for entry in found.values():
@@ -174,7 +235,8 @@ def preparations(case, tolerance):
     before = os.environ.get("CARTPEND_CACHE")
     with tempfile.TemporaryDirectory() as folder:
         os.environ["CARTPEND_CACHE"] = folder
-        first, again = (timed(lambda: case.prepare(tolerance))[0] for _ in range(2))
+        once = case.first or (lambda tolerance: timed(lambda: case.prepare(tolerance))[0])
+        first, again = (once(tolerance) for _ in range(2))
     if before is None:
         del os.environ["CARTPEND_CACHE"]
     else:
@@ -215,7 +277,9 @@ def main():
     reference, doubt = reference_of(by_hand())
     results = {"machine": machine(), "version": version("cartpend_dae", ""), "python": platform.python_version()}
     results |= {"date": time.strftime("%Y-%m-%d"), "load": load, "casadi": ca.CasadiMeta.version(), "doubt": doubt}
-    results["runs"] = measure(cases(), reference)
+    chosen, doubts = cases()
+    results["runs"] = measure(chosen, reference) | {"clutches": clutches()}
+    results |= {"doubts": doubts, "million": a_million(), "held": held_input()}
     results["peers"] = peers({"scipy": sys.executable, "rumoca": options.rumoca}, reference)
     if options.write:
         page.record("simulate", results)

@@ -8,6 +8,7 @@ from cartpend_dae import Component, Param, Statements, connect, initial, param, 
 from cartpend_dae.library import rotational, translational
 from cartpend_dae.library.electrical import Amplifier, DCMotor, OnePort
 from cartpend_dae.library.planar import HangingRod
+from cartpend_dae.library.sampled import Clock, SampleAndHold
 from cartpend_dae.library.signals import Constant, Feedback, Integrator, Sine
 
 # the states of `hand.py`, in its order
@@ -48,9 +49,10 @@ class CurrentSensor(OnePort):
 
 
 class ClosedLoop(Component):
-    """The rig of `hand.py`; with `f_c` [N] there is dry friction on the rail."""
+    """The rig of `hand.py`; with `f_c` [N] there is dry friction on the rail, with `period` [s] the voltage is held."""
 
     f_c: float = 0.0
+    period: float | None = None
 
     def __post_init__(self) -> None:
         self.amplifier = Amplifier()
@@ -69,6 +71,8 @@ class ClosedLoop(Component):
         self.upright = Constant(k=pi)
         self.error, self.tilt = Feedback(), Feedback()
         self.integrator = Integrator()
+        self.clock = None if self.period is None else Clock(period=self.period)
+        self.hold = None if self.period is None else SampleAndHold()
         self.control = StateFeedback(**{f"k_{name}": gain for name, gain in hand.GAINS.items()})
 
     def equations(self) -> Statements:
@@ -92,7 +96,12 @@ class ClosedLoop(Component):
         yield connect(self.rod_speed.w, self.control.w)
         yield connect(self.ammeter.measured, self.control.i)
         yield connect(self.integrator.y, self.control.e)
-        yield connect(self.control.u, self.amplifier.u)
+        if self.clock is None or self.hold is None:
+            yield connect(self.control.u, self.amplifier.u)
+        else:
+            yield connect(self.control.u, self.hold.u)
+            yield connect(self.clock.y, self.hold.clock)
+            yield connect(self.hold.y, self.amplifier.u)
         yield initial(self.rod.s == 0)
         yield initial(self.rod.v == 0)
         yield initial(self.rod.phi == hand.START["phi"])
