@@ -22,7 +22,7 @@ WIDE, NARROW = 10, 4
 # predictions below this share of the best one are not fitted
 FAINT = 0.03
 # models whose criterion differs by less than this, or this share of chi2, explain the data alike: the smaller is taken
-ALIKE, ALIKE_SHARE = 10.0, 0.01
+ALIKE, ALIKE_SHARE, ALIKE_WHITE = 10.0, 0.01, 0.05
 # responses with a larger cosine move the data alike
 PARALLEL = 0.95
 # noise alone: drop of BIC (largest on 90 data sets with nothing missing: 8.6)
@@ -257,11 +257,22 @@ def _ordered(fitted: list[Candidate], rules: _Rules) -> list[Candidate]:
         return fitted
     best = good[0]
     assert best.fit is not None
-    margin = max(ALIKE, ALIKE_SHARE * best.fit.chi2) if rules.regime == "noise" else ALIKE_DISTURBED
-    alike = [c for c in good if best.gain - c.gain < margin]
+    alike = [c for c in good if best.gain - c.gain < _margin(c, best, rules)]
     first = min(alike, key=lambda c: (len(c.insertion.parameter_names), -c.gain))
     others = [replace(c, why_not=c.why_not or _second(c, first)) for c in fitted if c is not first]
     return [first, *others]
+
+
+def _margin(candidate: Candidate, best: Candidate, rules: _Rules) -> float:
+    """Return by how much the criterion of a candidate may be behind and still count as alike.
+
+    One that leaves nothing but noise may be further behind: what is missing is then a matter of the law's exact shape.
+    """
+    if rules.regime == "disturbances":
+        return ALIKE_DISTURBED
+    assert candidate.fit is not None and best.fit is not None
+    share = ALIKE_SHARE if residuals(candidate.fit).is_passed else ALIKE_WHITE
+    return max(ALIKE, share * best.fit.chi2)
 
 
 def _second(candidate: Candidate, first: Candidate) -> str:
