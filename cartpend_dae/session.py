@@ -17,7 +17,8 @@ from cartpend_dae.data import Experiment
 from cartpend_dae.discover import Discovery, FreeSpec, Setup, discover
 from cartpend_dae.discover.prove import set_values
 from cartpend_dae.discover.records import Regime
-from cartpend_dae.effects import Card, catalogue, places
+from cartpend_dae.discover.workbench import renamed
+from cartpend_dae.effects import Card, Insertion, catalogue, insert_all, insertion_at, places
 from cartpend_dae.errors import ModelError, StudyError
 from cartpend_dae.identify import Fit
 from cartpend_dae.language import Component
@@ -72,12 +73,14 @@ def open_study(path: Path | str, *, needs_runs: bool = True) -> Opened:
     if needs_runs and not study.experiments:
         raise StudyError(f"{study.path}: the study has no [[experiment]], so there is nothing to fit; add a run.")
     model = load_model(study.model)
+    added = _added(study, model)
+    model = insert_all(model, added)
     system = assemble(model)
     free, fixed, ties, findings = _parameters(study, system)
     if fixed:
         set_values(model, fixed)
         system = assemble(model)
-    runs, wrong = _runs(study, system)
+    runs, wrong = _runs(study, system, added)
     findings += wrong
     cards, wrong = _cards(study)
     findings += wrong
@@ -199,14 +202,33 @@ def _outside(entry: FreeParameter, declared: Parameter) -> str:
     return ""
 
 
-def _runs(study: Study, system: System) -> tuple[list[Experiment], list[str]]:
+def _added(study: Study, model: Component) -> tuple[Insertion, ...]:
+    """Return the effects that the study adds to its model; each may stand behind one added before it.
+
+    Raises
+    ------
+    StudyError
+        If there is no such effect or place, or one is added twice.
+    """
+    found: list[Insertion] = []
+    for entry in study.model.add:
+        try:
+            found.append(insertion_at(model, entry.effect, entry.at))
+        except ModelError as error:
+            raise StudyError(f"{study.path}: `model.add`: {error}") from None
+        if [insertion.prefix for insertion in found].count(found[-1].prefix) > 1:
+            raise StudyError(f"{study.path}: `model.add` has `{entry.effect}` at `{entry.at}` twice; leave one out.")
+    return tuple(found)
+
+
+def _runs(study: Study, system: System, added: tuple[Insertion, ...]) -> tuple[list[Experiment], list[str]]:
     """Load all runs, and check each against the model."""
     units = {variable.name: variable.declaration.unit for variable in system.variables}
     runs: list[Experiment] = []
     findings: list[str] = []
     for spec in study.experiments:
         try:
-            pieces = load_experiments(spec, units, _state_names(system, spec.outputs))
+            pieces = renamed(load_experiments(spec, units, _state_names(system, spec.outputs)), added)
         except StudyError as error:
             findings.append(str(error))
             continue

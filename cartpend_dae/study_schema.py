@@ -90,12 +90,25 @@ Subtract = Annotated[float | Literal["mean"] | None, BeforeValidator(_subtract)]
 
 
 @dataclass(frozen=True, slots=True, config=_TABLE)
+class AddSpec:
+    """An effect of the catalogue that the model is to have from the beginning, and its place."""
+
+    effect: Text
+    at: Text
+
+
+@dataclass(frozen=True, slots=True, config=_TABLE)
 class ModelReference:
-    """A Component in a Python file; without a `name` the only one that the file defines."""
+    """A Component in a Python file; without a `name` the only one that the file defines.
+
+    What is in `add` is put into it, absent until its parameters are free or have values: so a sensor gets an offset, a
+    gain or a delay to be estimated.
+    """
 
     path: FilePath
     name: Text | None = None
     arguments: Mapping[str, Any] = Field(default_factory=dict)
+    add: tuple[AddSpec, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, config=_TABLE)

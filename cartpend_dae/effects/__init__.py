@@ -2,7 +2,7 @@
 
 from cartpend_dae.effects.card import Card, EffectParameter, choice, level, shape, size
 from cartpend_dae.effects.catalogue import catalogue
-from cartpend_dae.effects.insert import Insertion, insert, insert_all
+from cartpend_dae.effects.insert import Insertion, insert, insert_all, insertion_at
 from cartpend_dae.effects.places import Place, fits, places
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "fits",
     "insert",
     "insert_all",
+    "insertion_at",
     "level",
     "places",
     "shape",

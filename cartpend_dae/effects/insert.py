@@ -113,7 +113,7 @@ def insert(
     TypeError
         If the effect has no such parameter.
     """
-    return insert_all(model, (effect if isinstance(effect, Insertion) else _insertion(model, effect, at, values),))
+    return insert_all(model, (effect if isinstance(effect, Insertion) else insertion_at(model, effect, at, values),))
 
 
 def insert_all(model: Component, insertions: Iterable[Insertion]) -> Component:
@@ -142,9 +142,12 @@ def _put(fresh: Component, insertion: Insertion) -> None:
         divert(owner, name, getattr(made, far))
 
 
-def _insertion(model: Component, effect: Card | str, at: Place | str | None, values: Mapping[str, float]) -> Insertion:
+def insertion_at(
+    model: Component, effect: Card | str, at: Place | str | None, values: Mapping[str, float] | None = None
+) -> Insertion:
+    """Return an effect at a place of a model; arguments and errors are those of `insert`."""
     card = card_of(effect) if isinstance(effect, str) else effect
-    return Insertion(card, at if isinstance(at, Place) else place_at(model, card, at or ""), values)
+    return Insertion(card, at if isinstance(at, Place) else place_at(model, card, at or ""), values or {})
 
 
 def _given(insertion: Insertion) -> dict[str, Any]:
