@@ -81,6 +81,8 @@ def gauss_newton(
     nodes: np.ndarray,
     w: np.ndarray,
     data: np.ndarray,
+    *,
+    iterations: int = ITERATIONS,
 ) -> Solution:
     """Minimise the cost of a problem from a point.
 
@@ -96,14 +98,18 @@ def gauss_newton(
         Bandwidth of the output injection of each output [rad/s].
     data
         The samples, see `stack_data`.
+    iterations
+        Largest number of steps.
     """
     work = _Work(problem, w, data, *bounds(problem))
     point = _evaluated(work, values, nodes)
     penalty = np.zeros_like(nodes)
-    for iteration in range(ITERATIONS):
+    for iteration in range(iterations):
         if not np.isfinite(point.cost):
             return Solution(point.values, point.nodes, point.cost, False, "Invalid_Number_Detected", iteration)
         step = _step(work, point)
+        if not np.isfinite(step.decrease):
+            return Solution(point.values, point.nodes, point.cost, False, "Invalid_Number_Detected", iteration)
         penalty = np.maximum(penalty, 2 * np.abs(step.multipliers))
         promised = step.decrease + float(np.sum(penalty * np.abs(point.defects)))
         size = 1e-300 + np.abs(point.nodes).max(axis=1, keepdims=True, initial=0.0)
@@ -117,7 +123,7 @@ def gauss_newton(
             message = "Solved_To_Acceptable_Level" if is_enough else "Search_Direction_Becomes_Too_Small"
             return Solution(point.values, point.nodes, point.cost, is_enough, message, iteration + 1)
         point = found
-    return Solution(point.values, point.nodes, point.cost, False, "Maximum_Iterations_Exceeded", ITERATIONS)
+    return Solution(point.values, point.nodes, point.cost, False, "Maximum_Iterations_Exceeded", iterations)
 
 
 def interior_point(
@@ -159,6 +165,7 @@ def bounds(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     return lower, upper
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def _searched(work: _Work, point: _Point, step: _Step, penalty: np.ndarray, promised: float) -> _Point | None:
     """Halve the step until the merit falls as it should; None if it does not."""
     share, before = 1.0, point.merit(penalty)
@@ -197,6 +204,7 @@ def _prior(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return errors, slopes
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def _step(work: _Work, point: _Point) -> _Step:
     """Return the step to the minimum of the linearised problem within the bounds."""
     problem, layout = work.problem, work.problem.layout
@@ -216,6 +224,8 @@ def _step(work: _Work, point: _Point) -> _Step:
         hessian += to_local.T @ gram[k] @ to_local
         pull += to_local.T @ (gradient[k] + gram[k] @ moved)
         slope, shift = sensitivity[k] @ to_local, sensitivity[k] @ moved
+    if not (np.all(np.isfinite(hessian)) and np.all(np.isfinite(pull))):
+        return _Step(np.zeros_like(point.values), np.zeros_like(point.nodes), np.inf, np.zeros_like(point.nodes))
     values = _bounded(hessian, pull, work.lower - point.values, work.upper - point.values)
     nodes = (slopes @ values + shifts).T
     local = np.concatenate([nodes.T, values[owners]], axis=1)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cartpend_dae.cuts import run_of
-from cartpend_dae.gauss_newton import Solution, bounds, gauss_newton, interior_point
+from cartpend_dae.gauss_newton import ITERATIONS, Solution, bounds, gauss_newton, interior_point
 from cartpend_dae.problem import Problem, dominant_frequency
 from cartpend_dae.residual_noise import NoiseModel
 from cartpend_dae.shooting import filtered_nodes, run_from, run_through, scaled_values, sensitivities, start_states
@@ -95,6 +95,7 @@ def estimate(
     observer: float | None = None,
     sd: np.ndarray | None = None,
     patient: bool = True,
+    iterations: int = ITERATIONS,
 ) -> Fit:
     """Solve the estimation problem by Gauss and Newton's method, and by IPOPT where that does not get there.
 
@@ -126,7 +127,7 @@ def estimate(
     values = np.clip(scaled_values(problem, guess or {}), lower, upper)
     follow = observer if observer is not None else max(bandwidth, dominant_frequency(problem.experiments) * 5)
     nodes = filtered_nodes(problem, values, np.full_like(w, follow), data)
-    found = gauss_newton(problem, values, nodes, w, data)
+    found = gauss_newton(problem, values, nodes, w, data, iterations=iterations)
     if patient and not found.success:
         found = interior_point(problem, values, nodes, w, data)
     return _outcome(problem, found, w, data, weights_sd)

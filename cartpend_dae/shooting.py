@@ -94,6 +94,7 @@ def filtered_nodes(problem: Problem, values: np.ndarray, w: np.ndarray, data: np
     return nodes
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def sensitivities(
     problem: Problem, values: np.ndarray, nodes: np.ndarray, w: np.ndarray, data: np.ndarray
 ) -> Sensitivities:
@@ -137,6 +138,8 @@ def sensitivities(
         part = slice(k * layout.length, (k + 1) * layout.length)
         found[part] = local[part] @ to_local
         slope = ends[:, k].reshape(n_x, size, order="F") @ to_local
+    if not np.all(np.isfinite(found)):
+        raise SolverError(f"{problem.system.name} cannot be differentiated along its simulation: it diverges.")
     return Sensitivities(residuals, found)
 
 

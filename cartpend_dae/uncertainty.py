@@ -47,6 +47,7 @@ class Uncertainty:
     noise: NoiseModel
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def uncertainty(
     problem: Problem, values: np.ndarray, residuals: list[np.ndarray], slopes: list[np.ndarray]
 ) -> Uncertainty:

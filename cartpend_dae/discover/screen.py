@@ -114,6 +114,7 @@ def _alone(
         return Candidate(option, option.starts, 0.0, 0.0, 0.0, None, f"it cannot be tried: {error}")
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def _predictions(batch: tuple[Insertion, ...], found: Sweep) -> list[Candidate]:
     basis = _basis(found.base)
     left = found.residual - basis @ (basis.T @ found.residual)
@@ -146,7 +147,7 @@ def _predict(insertion: Insertion, found: Sweep, basis: np.ndarray, left: np.nda
     change = across @ (size * scale)
     predicted = float(left @ left - np.sum((left + change) ** 2))
     values = insertion.starts | dict(zip(insertion.size_names, size * scale, strict=True))
-    if not predicted > 0:
+    if not predicted > 0 or not np.all(np.isfinite(change)):
         wanted = -np.linalg.lstsq(across * scale, left, rcond=1e-12)[0] * scale
         values |= dict(zip(insertion.size_names, wanted, strict=True))
         why = "it would need the wrong sign: it does not oppose motion"

@@ -41,6 +41,7 @@ class Sweep:
     sizes: dict[str, np.ndarray]
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def sweep(
     bench: Workbench,
     taken: tuple[Insertion, ...],

@@ -9,6 +9,7 @@ from cartpend_dae.assemble import assemble
 from cartpend_dae.data import Experiment
 from cartpend_dae.discover.records import Setup
 from cartpend_dae.effects import Insertion, insert_all
+from cartpend_dae.gauss_newton import ITERATIONS
 from cartpend_dae.identify import Fit, estimate
 from cartpend_dae.language import Component
 from cartpend_dae.problem import Problem, dominant_frequency, free_parameter, make_problem
@@ -104,6 +105,7 @@ class Workbench:
         hints: Mapping[str, float] | None = None,
         *,
         patient: bool = True,
+        iterations: int = ITERATIONS,
     ) -> Fit:
         """Fit along decreasing output injection, each stage from the last; `patient` as of `estimate`."""
         problem = self.problem(insertions, hints)
@@ -111,7 +113,7 @@ class Workbench:
         point = dict(guess)
         fit: Fit | None = None
         for bandwidth in bandwidths:
-            fit = estimate(problem, bandwidth=bandwidth, guess=point, sd=sd, patient=patient)
+            fit = estimate(problem, bandwidth=bandwidth, guess=point, sd=sd, patient=patient, iterations=iterations)
             self.report(f"fit at {bandwidth:.3g} rad/s", label, float(np.sqrt(fit.chi2 / fit.n_residuals)))
             point = fit.point
         assert fit is not None
