@@ -1,0 +1,68 @@
+"""All effects linearised in one model are what each is in a model of its own."""
+
+import numpy as np
+import pytest
+
+from cartpend_dae import simulate
+from cartpend_dae.data import Channel, Experiment, Start
+from cartpend_dae.discover.records import FreeSpec, Setup
+from cartpend_dae.discover.screen import candidates
+from cartpend_dae.discover.sweep import one_by_one, sweep
+from cartpend_dae.discover.workbench import Workbench
+from cartpend_dae.effects import catalogue, places
+from cartpend_dae.errors import SolverError
+from models.linear_damp_mod import LinearDampMod
+from models.rota_damp import RotaDamp
+
+CASES = {
+    "pendulum": (RotaDamp(), "bearing.phi", "rad", {"bearing.phi": 1.0, "bearing.w": 0.0}, ("bearing.d",)),
+    "cart": (LinearDampMod(), "encoder.s", "m", {}, ("rail.d", "inertial.m")),
+}
+
+
+def bench_of(name):
+    model, output, unit, start, free = CASES[name]
+    run = simulate(model, 4.0, points=401, start=start)
+    noisy = run[output] + 1e-3 * np.random.default_rng(0).standard_normal(run.time.size)
+    channels = {output: Channel(noisy, "zoh", 1e-3, unit, 0.0)}
+    begin = {key: Start(value, False) for key, value in start.items()}
+    experiment = Experiment("run", "train", run.time, {}, channels, begin, "free", None)
+    setup = Setup(model, tuple(FreeSpec(q) for q in free), (experiment,), (), ())
+    return Workbench(setup, lambda *_: None), candidates(catalogue(), places(model, (output,)), ())
+
+
+@pytest.mark.parametrize("bandwidth", [0.0, 8.0])
+@pytest.mark.parametrize("name", list(CASES))
+def test_a_sweep_has_the_sensitivities_of_single_models(name, bandwidth):
+    bench, options = bench_of(name)
+    firsts = list({option.prefix: option for option in reversed(options)}.values())
+    sd = bench.problem(()).prior_sd
+    found = sweep(bench, (), tuple(firsts), {}, bandwidth, sd)
+    n_compared = 0
+    for option in firsts[::3]:
+        try:
+            alone = one_by_one(bench, (), option, {}, bandwidth, sd)
+        except SolverError:  # the play of a chain whose flanks are too stiff for these steps
+            continue
+        # in standard deviations of the noise: the sweep steps as coarsely as its own states allow
+        np.testing.assert_allclose(found.residual, alone.residual, atol=0.02)
+        for size in option.size_names:
+            one = alone.sizes[size]
+            if size not in found.sizes or np.linalg.norm(one) < 1e-6:
+                continue
+            both = found.sizes[size]
+            # the mean of both ends of a step is right to second order; friction changes its sign within one
+            assert one @ both > 0.98 * np.linalg.norm(one) * np.linalg.norm(both), size
+            assert np.linalg.norm(both) == pytest.approx(np.linalg.norm(one), rel=0.05), size
+            n_compared += 1
+    assert n_compared > 10
+
+
+def test_effects_whose_own_states_are_too_fast_are_left_out_of_the_sweep():
+    bench, options = bench_of("cart")
+    firsts = list({option.prefix: option for option in reversed(options)}.values())
+    found = sweep(bench, (), tuple(firsts), {}, 0.0, bench.problem(()).prior_sd)
+    names = {name for option in firsts for name in option.size_names}
+    missing = names - set(found.sizes)
+    assert any(".compliance." in name for name in missing)
+    assert not any(".coulomb_friction." in name for name in missing)
