@@ -314,12 +314,34 @@ def trajectory(begin: Begin, run: Run, driven: DrivenInputs, fine: np.ndarray, g
     memory = None if run.memory is None else run.memory[:, keep]
     if begin.machine is not None:
         u = begin.inputs(u, np.tile(begin.memory[:, None], grid.size) if memory is None else memory)
-    values, columns = all_variables(system, grid, x, z, u, p, _forces(begin, grid, x, z, u, memory))
+    force = _forces(begin, grid, x, z, u, memory)
+    z = _after_jumps(begin, driven, fine, keep, (grid, x, z, u, force))
+    values, columns = all_variables(system, grid, x, z, u, p, force)
     values.setflags(write=False)  # equal variables share a column
     names = tuple(variable.name for variable in system.variables)
     units = tuple(variable.declaration.unit for variable in system.variables)
     table = dict(zip(names, columns.tolist(), strict=True))
     return Trajectory(grid, names, values, units, table, _n_events(begin, run, driven, fine))
+
+
+def _after_jumps(
+    begin: Begin, driven: DrivenInputs, fine: np.ndarray, keep: np.ndarray, at: tuple[np.ndarray, ...]
+) -> np.ndarray:
+    """Solve anew for the algebraic variables where an input has jumped: what is returned holds after the jump."""
+    grid, x, z, u, force = at
+    jumped = np.flatnonzero(np.isin(keep, np.flatnonzero(jumps_of(driven, fine))))
+    s = begin.between
+    if not (z.shape[0] and jumped.size):
+        return z
+    known = ca.vertcat(s.time, s.x, s.u, s.frictions.force, s.p)
+    settle = ca.rootfinder("settle", "newton", {"x": s.z, "p": known, "g": s.alg}, {"error_on_fail": False})
+    p = np.tile(begin.p[:, None], jumped.size)
+    given = np.vstack([grid[None, jumped], x[:, jumped], u[:, jumped], force[:, jumped], p])
+    found = np.asarray(settle.map(jumped.size)(z[:, jumped], given))
+    usable = np.isfinite(found).all(axis=0)
+    new = np.array(z)
+    new[:, jumped[usable]] = found[:, usable]
+    return new
 
 
 def _n_events(begin: Begin, run: Run, driven: DrivenInputs, fine: np.ndarray) -> int:

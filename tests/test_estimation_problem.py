@@ -276,6 +276,14 @@ class Brushed(Component):
         yield connect(self.bearing.flange_a, self.ground.flange)
 
 
+def test_algebraic_variables_at_a_jump_of_an_input_are_those_after_it():
+    times = np.linspace(0.0, 2.0, 201)
+    voltage = 6.0 * np.sin(2 * np.pi * 0.7 * times)
+    run = simulate(Brushed(), times=times, inputs={"source.u": (times, voltage, "zoh")})
+    drop = 2.0 * run["resistor.i"] + np.tanh(run["resistor.i"] / 0.3) + 0.1 * run["rotor.w"]
+    np.testing.assert_allclose(drop, run["source.u"], atol=1e-6)
+
+
 def test_algebraic_variables_are_estimated_through():
     system = assemble(Brushed())
     assert system.algebraics

@@ -28,8 +28,8 @@ PARALLEL = 0.95
 # noise alone: drop of BIC (largest on 90 data sets with nothing missing: 8.6)
 MIN_BIC_GAIN = 20.0
 # with disturbances: share of the cross-validated cost that one effect must explain. On the measured axis EMPS
-# effects that are there explain 58 to 84 % at bandwidths of 30 to 1000 rad/s, imitations of a missing one at most 17 %.
-MIN_SHARE = 0.2
+# effects that are there explain 42 to 94 % at bandwidths of 30 to 1000 rad/s, imitations of a missing one at most 22 %.
+MIN_SHARE = 0.3
 MIN_T = 5.0
 NEAR, FAR_BEHIND = 3.0, 100.0
 # share of the cross-validated cost by which models with disturbances may differ and explain the data alike
