@@ -25,7 +25,6 @@ from cartpend_dae.discover import discover  # noqa: E402
 from cartpend_dae.study_schema import data_folder  # noqa: E402
 
 STUDIES = ROOT / "models" / "studies"
-PUBLISHED = {"axis.m": 95.11, "guide.d": 203.5, "guide.coulomb_friction.f_c": 20.39, "guide.constant_load.f_0": -3.16}
 
 
 def script(path):
@@ -52,15 +51,19 @@ def emps_section():
         return ["The measured data were not there when this page was made."]
     result = emps("emps.toml")
     lines = [
-        "`cartpend discover models/studies/emps.toml`, from mass and viscous friction; published values of",
-        "Janot, Gautier and Brunot (2019).",
+        "`cartpend discover models/studies/emps.toml`, from mass and viscous friction. Janot, Gautier and Brunot (2019)",
+        "published for one Coulomb level, one viscous coefficient and an offset: M = 95.11 kg, F_v = 203.5 N.s/m,",
+        "F_c = 20.39 N, offset -3.16 N; they suspect that friction depends on the direction.",
         "",
-        "| quantity | found | sd | published |",
-        "|---|---|---|---|",
+        "Found: " + ", ".join(f"`{step['effect']}` at `{step['at']}`" for step in result["steps"]) + ".",
+        "",
+        "| quantity | found | sd |",
+        "|---|---|---|",
     ]
-    for name, value in PUBLISHED.items():
-        entry = result["final"]["parameters"][name]
-        lines.append(f"| `{name}` [{entry['unit']}] | {entry['value']:.4g} | {entry['sd']:.2g} | {value:g} |")
+    for name, entry in result["final"]["parameters"].items():
+        sd = "not determined alone" if entry["sd"] is None else f"{entry['sd']:.2g}"
+        lines.append(f"| `{name}` [{entry['unit']}] | {entry['value']:.4g} | {sd} |")
+    lines += ["", *(f"{sentence[0].upper()}{sentence[1:]}." for sentence in result["final"]["not_identified"])]
     lines += ["", "| relative force error | before | after | published |", "|---|---|---|---|"]
     for run, published in (("steps", 4.08), ("pulses", 5.98)):
         before, after = (result[k]["scores"]["relative_force_error"][run] for k in ("baseline", "final"))
@@ -72,7 +75,7 @@ def emps_section():
         f"With the roles of the two runs exchanged: {named}.",
         f"Verdicts: {result['verdict']}, {exchanged['verdict']}",
     ]
-    lines[-1] += " (friction that depends on the direction is not in the catalogue yet)."
+    lines[-1] += "."
     return lines
 
 
