@@ -51,7 +51,7 @@ def emps_section():
         return ["The measured data were not there when this page was made."]
     result = emps("emps.toml")
     lines = [
-        "`cartpend discover models/studies/emps.toml`, from mass and viscous friction. Janot, Gautier and Brunot (2019)",
+        "`cartpend discover models/studies/emps.toml`, from mass and viscous friction. Janot, Gautier, Brunot (2019)",
         "published for one Coulomb level, one viscous coefficient and an offset: M = 95.11 kg, F_v = 203.5 N.s/m,",
         "F_c = 20.39 N, offset -3.16 N; they suspect that friction depends on the direction.",
         "",
