@@ -113,6 +113,8 @@ def estimate(
         Noise of each output used as weight, shape (n_y,); from the raw data if None.
     patient
         False leaves it at Gauss and Newton's method, where another way may be tried next.
+    iterations
+        Largest number of its steps.
 
     Raises
     ------

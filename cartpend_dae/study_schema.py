@@ -311,11 +311,11 @@ class ExperimentSpec:
 class IdentifySpec:
     """Options of the estimation; None leaves the choice to it.
 
+    Gauss and Newton's method takes at most `max_iterations` steps before IPOPT is tried.
     Residuals beyond `huber` standard deviations count linearly. With several `starts` the fit begins from as many
     points within the bounds, the guesses first.
     """
 
-    method: Literal["collocation", "multiple_shooting"] | None = None
     step: Positive | None = None
     max_iterations: AtLeastOne | None = None
     huber: Positive | None = None

@@ -35,7 +35,7 @@ class Setup:
     """What an estimation works on: the model, what is free in it, and the runs by role.
 
     `ties` are parameters that follow from others, with the text that says how. Residuals beyond `huber` standard
-    deviations count linearly.
+    deviations count linearly; a fit takes at most `max_iterations` steps.
     """
 
     model: Component
@@ -47,6 +47,7 @@ class Setup:
     step: float | None = None
     ties: tuple[tuple[str, str], ...] = ()
     huber: float | None = None
+    max_iterations: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

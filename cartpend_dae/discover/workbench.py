@@ -105,15 +105,16 @@ class Workbench:
         hints: Mapping[str, float] | None = None,
         *,
         patient: bool = True,
-        iterations: int = ITERATIONS,
+        iterations: int | None = None,
     ) -> Fit:
         """Fit along decreasing output injection, each stage from the last; `patient` as of `estimate`."""
         problem = self.problem(insertions, hints)
         label = " + ".join(insertion.prefix for insertion in insertions) or "baseline"
         point = dict(guess)
+        most = iterations or self.setup.max_iterations or ITERATIONS
         fit: Fit | None = None
         for bandwidth in bandwidths:
-            fit = estimate(problem, bandwidth=bandwidth, guess=point, sd=sd, patient=patient, iterations=iterations)
+            fit = estimate(problem, bandwidth=bandwidth, guess=point, sd=sd, patient=patient, iterations=most)
             self.report(f"fit at {bandwidth:.3g} rad/s", label, float(np.sqrt(fit.chi2 / fit.n_residuals)))
             point = fit.point
         assert fit is not None
