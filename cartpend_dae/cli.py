@@ -270,9 +270,9 @@ def design(study: StudyFile, out: Out = None, jobs: Jobs = 1) -> None:
 
 @app.command()
 @spoken
-def discover(study: StudyFile, out: Out = None) -> None:
+def discover(study: StudyFile, out: Out = None, jobs: Jobs = 1) -> None:
     """Find which physical effect the model of a study lacks, add it, refit, and show the error before and after."""
-    _discover(study, out or Path(f"{study.stem}-results"))
+    _discover(study, out or Path(f"{study.stem}-results"), jobs)
 
 
 @app.command()
@@ -296,12 +296,12 @@ def cache(clear: Annotated[bool, typer.Option("--clear", help="Delete what is ke
     say(console_of_results(), f"{done}, {size:.1f} MB, in {cache_folder()}")
 
 
-def _discover(study: Path, out: Path) -> None:
+def _discover(study: Path, out: Path, jobs: int = 1) -> None:
     check_folder(out)
     begin = time.monotonic()
     opened = open_study(study)
     with watched() as report:
-        discovery = discover_study(opened, report=report)
+        discovery = discover_study(opened, report=report, jobs=jobs)
         write_discovery(out, opened, discovery, time.monotonic() - begin)
     search = discovery.search
     console = console_of_results()

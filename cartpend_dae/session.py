@@ -140,7 +140,7 @@ def solve_study(opened: Opened, *, report: Report | None = None, jobs: int = 1) 
     return fit_study(opened.setup, Route(options.starts, options.seed, jobs), report or _silent)
 
 
-def discover_study(study: Opened | Path | str, *, report: Report | None = None) -> Discovery:
+def discover_study(study: Opened | Path | str, *, report: Report | None = None, jobs: int = 1) -> Discovery:
     """Find what the model of a study lacks, add it, refit, and measure the error before and after.
 
     Parameters
@@ -149,6 +149,8 @@ def discover_study(study: Opened | Path | str, *, report: Report | None = None) 
         A study or the path of its file.
     report
         Called with (stage, candidate, residual in noise sds) after each fit.
+    jobs
+        Number of processes in which candidates are fitted; the result does not depend on it.
     """
     opened = study if isinstance(study, Opened) else open_study(study)
     return discover(
@@ -158,6 +160,7 @@ def discover_study(study: Opened | Path | str, *, report: Report | None = None) 
         max_steps=opened.study.discover.max_steps,
         regime=opened.regime,
         report=report or _silent,
+        jobs=jobs,
     )
 
 

@@ -74,3 +74,13 @@ def test_nothing_is_added_where_nothing_is_missing(sliding, seed):
     assert not outcome.steps
     viscous = outcome.final.parameters[0]
     assert abs(viscous.value - VISCOUS) < 4 * viscous.sd
+
+
+def test_the_result_does_not_depend_on_the_number_of_processes(sticking, found):
+    shared = discover(noisy_setup(sticking, SEEDS[0]), jobs=2).search
+    alone = found[0].search
+    assert shared.final.values == alone.final.values
+    names = [candidate.insertion.prefix for candidate in alone.candidates]
+    assert [candidate.insertion.prefix for candidate in shared.candidates] == names
+    assert [c.gain for c in shared.candidates] == [c.gain for c in alone.candidates]
+    assert [c.why_not for c in shared.candidates] == [c.why_not for c in alone.candidates]

@@ -30,6 +30,19 @@ def bic(fit: Fit) -> float:
     return float(n * np.log(fit.chi2 / n) + free * np.log(n))
 
 
+def coloured_bic(fit: Fit) -> float:
+    """Return the Bayesian information criterion of a fit whose residuals are as coloured as they are.
+
+    Each output's residual is predicted from its past by the autoregression of `fit.noise`, whose coefficients count as
+    parameters. Where neighbouring residuals are alike, this does not take them for independent evidence.
+    """
+    n = fit.n_residuals / len(fit.outputs)
+    free = sum(estimate.status != "at-bound" for estimate in (*fit.parameters, *fit.starts))
+    free += sum(len(a) - 1 for a in fit.noise.filters)
+    innovations = np.clip(np.diag(fit.noise.covariance), 1e-300, None)
+    return float(n * np.sum(np.log(innovations)) + free * np.log(fit.n_residuals))
+
+
 def robust(fit: Fit, linear: Linearisation) -> Robust:
     """Judge a fit by leaving out one block of time after the other, to first order.
 

@@ -25,6 +25,7 @@ def discover(
     max_steps: int = 5,
     regime: Regime | None = None,
     report: Callable[[str, str, float], None] = _silent,
+    jobs: int = 1,
 ) -> Discovery:
     """Find what a model lacks, add it, refit, and measure the error before and after.
 
@@ -42,6 +43,8 @@ def discover(
         Forced regime; None finds out.
     report
         Called with (stage, candidate, error) after each fit.
+    jobs
+        Number of processes in which candidates are fitted; the result does not depend on it.
 
     Raises
     ------
@@ -57,7 +60,7 @@ def discover(
                 listing = ", ".join(f"`{place}`" for place in known)
                 raise ModelError(f"`{name}` is no place for an effect in this model; the places are: {listing}.")
         found = tuple(place for place in found if place.at in only_at)
-    bench = Workbench(setup, report)
+    bench = Workbench(setup, report, jobs=jobs)
     outcome = search(bench, cards or catalogue(), found, max_steps=max_steps, regime=regime)
     return prove(setup, outcome)
 

@@ -38,8 +38,9 @@ def best_bandwidth(bench: Workbench, rich: list[Candidate], point: Mapping[str, 
     L. Ljung, "System Identification: Theory for the User", 2nd ed. (1999), section 7.2 (prediction errors).
     """
     everything = tuple(candidate.insertion for candidate in rich)
-    hints = {name: value for candidate in rich for name, value in candidate.parameters.items()}
-    return _descend(bench, everything, dict(point) | hints, _rungs(bench), sd, hints)
+    values = {name: value for candidate in rich for name, value in candidate.parameters.items()}
+    bench.expect(values)
+    return _descend(bench, everything, dict(point) | values, _rungs(bench), sd)
 
 
 def _rungs(bench: Workbench) -> tuple[float, ...]:
@@ -53,13 +54,12 @@ def _descend(
     point: Mapping[str, float],
     rungs: tuple[float, ...],
     sd: np.ndarray,
-    hints: Mapping[str, float],
 ) -> float:
     """Fit with less and less injection until the predictions get worse."""
     best, best_cost = rungs[0], np.inf
     for bandwidth in rungs:
         try:
-            fit = bench.fit(insertions, point, (bandwidth,), sd, hints)
+            fit = bench.fit(insertions, point, (bandwidth,), sd)
         except SolverError:
             continue
         if fit.chi2 > SLACK * best_cost:

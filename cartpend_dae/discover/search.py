@@ -1,11 +1,11 @@
 """Stage 3: add what the data ask for, one effect after the other, and take back what they no longer need."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cartpend_dae.discover.evidence import bic, robust, with_robust_sd
+from cartpend_dae.discover.evidence import bic, coloured_bic, robust, with_robust_sd
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdict
 from cartpend_dae.discover.regime import best_bandwidth
@@ -14,6 +14,7 @@ from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.identify import Fit
+from cartpend_dae.parallel import in_parallel
 
 # stages of decreasing output injection, in units of the dominant frequency
 STAGES = (5.0, 2.0, 0.7, 0.0)
@@ -214,7 +215,7 @@ def _base_of(bench: Workbench, taken: tuple[Insertion, ...], winner: Candidate, 
     together = (*taken, winner.insertion)
     if rules.regime == "disturbances":
         return _Base(together, {rules.screening: winner.fit})
-    early = bench.fit(together, winner.fit.point, (rules.screening,), rules.sd, winner.parameters)
+    early = bench.fit(together, winner.fit.point, (rules.screening,), rules.sd)
     return _Base(together, {rules.screening: early, 0.0: winner.fit})
 
 
@@ -225,32 +226,48 @@ def _try_all(bench: Workbench, base: _Base, rules: _Rules, options: list[Inserti
     rest = [c for c in screened if c.why_not]
     wide = [c for c in possible[:WIDE] if c.predicted > FAINT * possible[0].predicted]
     rest += [replace(c, why_not="others promise more") for c in possible if c not in wide]
-    early: list[tuple[float, Candidate]] = []
     for candidate in wide:
-        try:
-            early.append(_tried(bench, base, rules, candidate))
-        except (SolverError, ModelError) as error:
-            rest.append(replace(candidate, why_not=f"its fit failed: {error}"))
-    early.sort(key=lambda pair: pair[0])
-    rest += [replace(c, why_not="others explain more at the first stage") for _, c in early[NARROW:]]
-    fitted = []
-    for _, candidate in early[:NARROW]:
-        try:
-            fitted.append(_judge(bench, base, rules, candidate))
-        except (SolverError, ModelError) as error:
-            rest.append(replace(candidate, why_not=f"its fit failed: {error}"))
-    return _ordered(fitted, rules) + rest
+        bench.expect(candidate.parameters)
+    early = _each(bench, wide, lambda at, candidate: _tried(at, base, rules, candidate), "first fit")
+    rest += [c for c in early if c.why_not]
+    ranked = sorted((c for c in early if not c.why_not), key=lambda c: bic(c.fit) if c.fit else np.inf)
+    rest += [replace(c, why_not="others explain more at the first stage") for c in ranked[NARROW:]]
+    judged = _each(bench, ranked[:NARROW], lambda at, candidate: _judge(at, base, rules, candidate), "last fit")
+    fitted = [c for c in judged if c.fit is not None]
+    return _ordered(fitted, rules) + [c for c in judged if c.fit is None] + rest
 
 
-def _tried(bench: Workbench, base: _Base, rules: _Rules, candidate: Candidate) -> tuple[float, Candidate]:
-    """Fit a candidate at the stage of screening, roughly; return the criterion there, and what it starts from next."""
+def _each(
+    bench: Workbench, items: list[Candidate], work: Callable[[Workbench, Candidate], Candidate], stage: str
+) -> list[Candidate]:
+    """Do a work on each candidate, in several processes if the workbench has them; failures say why."""
+    is_shared = bench.jobs > 1
+    at = bench.quiet() if is_shared else bench
+
+    def attempt(candidate: Candidate) -> tuple[dict[str, float], float, float, Fit | None, str]:
+        try:
+            done = work(at, candidate)
+        except (SolverError, ModelError) as error:
+            return candidate.parameters, 0.0, 0.0, None, f"its fit failed: {error}"
+        return done.parameters, done.gain, done.t, done.fit, done.why_not
+
+    found = []
+    for candidate, result in zip(items, in_parallel(attempt, items, jobs=bench.jobs), strict=True):
+        parameters, gain, t, fit, why_not = result
+        found.append(replace(candidate, parameters=parameters, gain=gain, t=t, fit=fit, why_not=why_not))
+        if is_shared and fit is not None:
+            bench.report(stage, candidate.insertion.prefix, float(np.sqrt(fit.chi2 / fit.n_residuals)))
+    return found
+
+
+def _tried(bench: Workbench, base: _Base, rules: _Rules, candidate: Candidate) -> Candidate:
+    """Fit a candidate at the stage of screening, roughly: from there it is judged."""
     together = (*base.taken, candidate.insertion)
     guess = base.fits[rules.screening].point | candidate.parameters
-    hints = candidate.parameters
-    fit = bench.fit(together, guess, (rules.screening,), rules.sd, hints, patient=False, iterations=EARLY)
+    fit = bench.fit(together, guess, (rules.screening,), rules.sd, patient=False, iterations=EARLY)
     if not np.isfinite(fit.chi2):
         raise SolverError("its simulation diverges")
-    return bic(fit), replace(candidate, fit=fit)
+    return replace(candidate, fit=fit)
 
 
 def _ordered(fitted: list[Candidate], rules: _Rules) -> list[Candidate]:
@@ -289,12 +306,15 @@ def _judge(bench: Workbench, base: _Base, rules: _Rules, candidate: Candidate) -
     together = (*base.taken, candidate.insertion)
     assert candidate.fit is not None
     stages = (rules.screening,) if rules.regime == "disturbances" else (rules.screening, 0.0)
-    fit = bench.fit(together, candidate.fit.point, stages, rules.sd, candidate.parameters, patient=False)
+    fit = bench.fit(together, candidate.fit.point, stages, rules.sd, patient=False)
     parameters = {name: fit.values[name] for name in candidate.insertion.parameter_names}
     if rules.regime == "noise":
         gain, t = bic(base.fit) - bic(fit), _white_t(fit, candidate.insertion)
         change = f"falls by {gain:.1f}, less than {MIN_BIC_GAIN:g}" if gain > 0 else f"rises by {-gain:.1f}"
+        coloured = coloured_bic(base.fit) - coloured_bic(fit)
         why = "" if gain > MIN_BIC_GAIN else f"BIC {change}"
+        if not why and coloured < MIN_BIC_GAIN:
+            why = f"with residuals as alike as they are BIC falls by {coloured:.1f} only, less than {MIN_BIC_GAIN:g}"
     else:
         gain, t = _disturbed_gain(bench, base, together, fit, rules)
         why = ""

@@ -151,7 +151,7 @@ def one_by_one(
     SolverError
         If the simulation diverges.
     """
-    problem = bench.build((*taken, option), bench.setup.train, {})
+    problem = bench.build((*taken, option), bench.setup.train)
     values = scaled_values(problem, point)
     w = np.full(len(problem.outputs), float(bandwidth))
     data = stack_data(problem.layout, problem.experiments, 1.0 / sd)

@@ -26,29 +26,36 @@ COARSE = 1.0
 class Workbench:
     """Builds and solves the estimation problems of one study; `report` hears of each fit.
 
-    `problems` are those made so far, by the effects in them.
+    `problems` are those made so far, by the effects in them, and `sizes` what parameters of effects were predicted to
+    be when they were first tried, by which they are scaled. Candidates are fitted in `jobs` processes.
     """
 
     setup: Setup
     report: Report
     problems: dict[tuple[str, ...], Problem] = field(default_factory=dict)
+    sizes: dict[str, float] = field(default_factory=dict)
+    jobs: int = 1
 
-    def problem(self, insertions: tuple[Insertion, ...], hints: Mapping[str, float] | None = None) -> Problem:
-        """Return the problem of the model with effects; `hints` are sizes of the effects' parameters."""
+    def quiet(self) -> "Workbench":
+        """Return the same workbench without reports, as for another process."""
+        return replace(self, report=_silent)
+
+    def expect(self, sizes: Mapping[str, float]) -> None:
+        """Remember how large parameters are about to be; the first word counts."""
+        for name, value in sizes.items():
+            self.sizes.setdefault(name, abs(value))
+
+    def problem(self, insertions: tuple[Insertion, ...]) -> Problem:
+        """Return the problem of the model with effects on the training runs."""
         key = tuple(str((insertion.prefix, dict(insertion.values))) for insertion in insertions)
         if key not in self.problems:
-            self.problems[key] = self.build(insertions, self.setup.train, hints or {})
+            self.problems[key] = self.build(insertions, self.setup.train)
         return self.problems[key]
 
-    def build(
-        self,
-        insertions: tuple[Insertion, ...],
-        experiments: tuple[Experiment, ...],
-        hints: Mapping[str, float],
-    ) -> Problem:
+    def build(self, insertions: tuple[Insertion, ...], experiments: tuple[Experiment, ...]) -> Problem:
         """Make a problem on given runs."""
         system = assembled(self.setup.model, insertions, experiments)
-        free = self._free(system, insertions, hints)
+        free = self._free(system, insertions)
         return self._problem(system, free, renamed(experiments, insertions), self.setup.step)
 
     def problem_of(
@@ -59,7 +66,7 @@ class Workbench:
         A `coarse` one steps as far as the fastest motion allows, for what need not be exact.
         """
         runs = renamed(self.setup.train, inside)
-        free = self._free(system, taken, {})
+        free = self._free(system, taken)
         problem = self._problem(system, free, runs, self.setup.step)
         return replace(problem, step=None, stride=COARSE) if coarse else problem
 
@@ -74,7 +81,7 @@ class Workbench:
         ties = tuple(tie(system, name, text) for name, text in setup.ties)
         return make_problem(system, free, runs, step=step, ties=ties, huber=setup.huber)
 
-    def _free(self, system: System, insertions: tuple[Insertion, ...], hints: Mapping[str, float]) -> tuple[Free, ...]:
+    def _free(self, system: System, insertions: tuple[Insertion, ...]) -> tuple[Free, ...]:
         free: list[Free] = []
         for spec in self.setup.free:
             free.append(
@@ -91,9 +98,9 @@ class Workbench:
             )
         for insertion in insertions:
             for (name, start), item in zip(insertion.starts.items(), insertion.parameters, strict=True):
-                hint = abs(hints.get(name, 0.0)) or None
+                known = self.sizes.get(name) or None
                 lower, upper = (_finite(bound) for bound in item.bounds_at(insertion.place.kind))
-                free.append(free_parameter(system, name, guess=start, lower=lower, upper=upper, scale=hint))
+                free.append(free_parameter(system, name, guess=start, lower=lower, upper=upper, scale=known))
         return tuple(free)
 
     def fit(
@@ -102,13 +109,12 @@ class Workbench:
         guess: Mapping[str, float],
         bandwidths: tuple[float, ...],
         sd: np.ndarray,
-        hints: Mapping[str, float] | None = None,
         *,
         patient: bool = True,
         iterations: int | None = None,
     ) -> Fit:
         """Fit along decreasing output injection, each stage from the last; `patient` as of `estimate`."""
-        problem = self.problem(insertions, hints)
+        problem = self.problem(insertions)
         label = " + ".join(insertion.prefix for insertion in insertions) or "baseline"
         point = dict(guess)
         most = iterations or self.setup.max_iterations or ITERATIONS
@@ -124,7 +130,7 @@ class Workbench:
         self, insertions: tuple[Insertion, ...], point: Mapping[str, float], bandwidth: float, sd: np.ndarray
     ) -> Linearisation:
         """Return the normal equations of the model with effects, at a point of the model without them."""
-        return linearised(self.build(insertions, self.setup.train, {}), point, bandwidth, sd)
+        return linearised(self.build(insertions, self.setup.train), point, bandwidth, sd)
 
     def solved(self, insertions: tuple[Insertion, ...], fit: Fit, sd: np.ndarray) -> Linearisation:
         """Return the normal equations at a solution of a problem made before."""
@@ -134,6 +140,10 @@ class Workbench:
     def frequency(self) -> float:
         """Dominant angular frequency of the measured motion [rad/s]."""
         return dominant_frequency(self.setup.train)
+
+
+def _silent(stage: str, label: str, error: float) -> None:
+    return None
 
 
 def _finite(bound: float) -> float | None:
