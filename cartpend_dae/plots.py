@@ -17,7 +17,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from cartpend_dae.assess import Assessment, RunError
 from cartpend_dae.data import Trajectory
 from cartpend_dae.discover.records import Candidate, Search
-from cartpend_dae.discover.search import MIN_BIC_GAIN, MIN_SHARE
+from cartpend_dae.discover.trial import MIN_BIC_GAIN, MIN_SHARE
 from cartpend_dae.errors import ModelError
 from cartpend_dae.linear_model import LinearModel
 from cartpend_dae.report.text import all_candidates, effect_name, for_people

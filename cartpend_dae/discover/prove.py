@@ -1,4 +1,4 @@
-"""Stage 4: the error before and after, on all runs; the test runs are opened here for the first time."""
+"""Stage 5: the error before and after, on all runs; the test runs are opened here for the first time."""
 
 from collections.abc import Callable
 

@@ -1,65 +1,25 @@
-"""Stage 3: add what the data ask for, one effect after the other, and take back what they no longer need."""
+"""Stage 4: add what the data ask for, one effect after the other, and take back what they no longer need."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from cartpend_dae.discover.evidence import bic, coloured_bic, robust, with_robust_sd
+from cartpend_dae.discover.evidence import bic, robust, with_robust_sd
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdict
 from cartpend_dae.discover.regime import best_bandwidth
 from cartpend_dae.discover.screen import candidates, screen
+from cartpend_dae.discover.trial import MIN_BIC_GAIN, MIN_SHARE, NEAR, Base, Rules, aliases, are_parallel, try_all
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place
-from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.identify import Fit
-from cartpend_dae.parallel import in_parallel
 
 # stages of decreasing output injection, in units of the dominant frequency
 STAGES = (5.0, 2.0, 0.7, 0.0)
-# so many of the best predictions are fitted at the first stage, in so many steps, and the best of them to the end
-WIDE, NARROW, EARLY = 10, 4, 6
-# predictions below this share of the best one are not fitted
-FAINT = 0.03
-# models whose criterion differs by less than this, or this share of chi2, explain the data alike: the smaller is taken
-ALIKE, ALIKE_SHARE, ALIKE_WHITE = 10.0, 0.01, 0.05
-# responses with a larger cosine move the data alike
-PARALLEL = 0.95
-# noise alone: drop of BIC (largest on 90 data sets with nothing missing: 8.6)
-MIN_BIC_GAIN = 20.0
-# with disturbances: share of the cross-validated cost that one effect must explain. On the measured axis EMPS
-# effects that are there explain 42 to 94 % at bandwidths of 30 to 1000 rad/s, imitations of a missing one at most 22 %.
-MIN_SHARE = 0.3
-MIN_T = 5.0
-NEAR, FAR_BEHIND = 3.0, 100.0
-# share of the cross-validated cost by which models with disturbances may differ and explain the data alike
-ALIKE_DISTURBED = 1.0
 # so many effects together stand for the whole catalogue where the bandwidth of predictions is sought
 RICH = 4
 _Library = tuple[tuple[Card, ...], tuple[Place, ...]]
-
-
-@dataclass(frozen=True, slots=True)
-class _Base:
-    """The model so far: its fits by bandwidth, the last of which decides."""
-
-    taken: tuple[Insertion, ...]
-    fits: dict[float, Fit]
-
-    @property
-    def fit(self) -> Fit:
-        return list(self.fits.values())[-1]
-
-
-@dataclass(frozen=True, slots=True)
-class _Rules:
-    """How the regime fits and decides: `stages` of the base, the stage of screening, weights."""
-
-    regime: Regime
-    stages: tuple[float, ...]
-    screening: float
-    sd: np.ndarray
 
 
 def search(
@@ -124,11 +84,11 @@ class _Log:
 
     steps: list[Step] = field(default_factory=list)
     tried: dict[str, Candidate] = field(default_factory=dict)
-    base: _Base | None = None
+    base: Base | None = None
     is_interrupted: bool = False
 
 
-def _disturbed(bench: Workbench, noise: _Rules, base: _Base, log: _Log, library: _Library) -> tuple[_Rules, _Base]:
+def _disturbed(bench: Workbench, noise: Rules, base: Base, log: _Log, library: _Library) -> tuple[Rules, Base]:
     """Weigh by predictions, with the bandwidth with which the most promising effects together predict best."""
     ranked = [c for c in log.tried.values() if not c.why_not or c.fit is not None]
     if not ranked:
@@ -144,29 +104,21 @@ def _distinct(ranked: list[Candidate]) -> list[Candidate]:
     """Leave out those that move the data as one before them does."""
     found: list[Candidate] = []
     for candidate in ranked:
-        if not any(_are_parallel(candidate, other) for other in found):
+        if not any(are_parallel(candidate, other) for other in found):
             found.append(candidate)
     return found
 
 
-def _are_parallel(one: Candidate, other: Candidate) -> bool:
-    if one.insertion.prefix == other.insertion.prefix:
-        return True
-    if one.response is None or other.response is None or one.response.size != other.response.size:
-        return False
-    return abs(float(one.response @ other.response)) > PARALLEL
-
-
-def _grow(bench: Workbench, base: _Base, rules: _Rules, library: _Library, max_steps: int, log: _Log) -> _Base:
+def _grow(bench: Workbench, base: Base, rules: Rules, library: _Library, max_steps: int, log: _Log) -> Base:
     """Add effects while there is structure; the free simulation has it, so there is always a first round."""
     while len(log.steps) < max_steps:
-        ranked = _try_all(bench, base, rules, candidates(*library, base.taken))
+        ranked = try_all(bench, base, rules, candidates(*library, base.taken))
         log.tried |= {candidate.insertion.prefix: candidate for candidate in ranked}
         if not ranked or ranked[0].why_not:
             break
         winner = ranked[0]
         base = _base_of(bench, base.taken, winner, rules)
-        steps = [*log.steps, Step(winner, residuals(base.fit), _aliases(winner, ranked))]
+        steps = [*log.steps, Step(winner, residuals(base.fit), aliases(winner, ranked))]
         base, steps = _prune(bench, base, steps, rules)
         base, steps = _swap(bench, base, steps, rules, library)
         log.steps, log.base = steps, base
@@ -175,7 +127,7 @@ def _grow(bench: Workbench, base: _Base, rules: _Rules, library: _Library, max_s
     return base
 
 
-def _reported(bench: Workbench, base: _Base, rules: _Rules) -> Fit:
+def _reported(bench: Workbench, base: Base, rules: Rules) -> Fit:
     """Return the fit of a base with the standard deviations that its regime calls for."""
     if rules.regime == "noise":
         return base.fit
@@ -188,180 +140,38 @@ def _verdict(has_steps: bool, is_left: bool) -> Verdict:
     return "improved" if is_left else "explained"
 
 
-def _noise_rules(bench: Workbench) -> _Rules:
+def _noise_rules(bench: Workbench) -> Rules:
     frequency = bench.frequency
     stages = tuple(share * frequency for share in STAGES)
-    return _Rules("noise", stages, stages[1], bench.problem(()).prior_sd)
+    return Rules("noise", stages, stages[1], bench.problem(()).prior_sd)
 
 
-def _disturbance_rules(bench: Workbench, bandwidth: float, sd: np.ndarray) -> tuple[_Rules, _Base]:
+def _disturbance_rules(bench: Workbench, bandwidth: float, sd: np.ndarray) -> tuple[Rules, Base]:
     """Weight by the innovations of the baseline, so that costs are of order one."""
     fit = bench.fit((), {}, (bandwidth,), sd)
-    rules = _Rules("disturbances", (bandwidth,), bandwidth, fit.noise_sd)
+    rules = Rules("disturbances", (bandwidth,), bandwidth, fit.noise_sd)
     return rules, _fit_base(bench, (), fit.point, rules)
 
 
-def _fit_base(bench: Workbench, taken: tuple[Insertion, ...], guess: Mapping[str, float], rules: _Rules) -> _Base:
+def _fit_base(bench: Workbench, taken: tuple[Insertion, ...], guess: Mapping[str, float], rules: Rules) -> Base:
     fits: dict[float, Fit] = {}
     point = dict(guess)
     for bandwidth in rules.stages:
         fits[bandwidth] = bench.fit(taken, point, (bandwidth,), rules.sd)
         point = fits[bandwidth].point
-    return _Base(taken, fits)
+    return Base(taken, fits)
 
 
-def _base_of(bench: Workbench, taken: tuple[Insertion, ...], winner: Candidate, rules: _Rules) -> _Base:
+def _base_of(bench: Workbench, taken: tuple[Insertion, ...], winner: Candidate, rules: Rules) -> Base:
     assert winner.fit is not None
     together = (*taken, winner.insertion)
     if rules.regime == "disturbances":
-        return _Base(together, {rules.screening: winner.fit})
+        return Base(together, {rules.screening: winner.fit})
     early = bench.fit(together, winner.fit.point, (rules.screening,), rules.sd)
-    return _Base(together, {rules.screening: early, 0.0: winner.fit})
+    return Base(together, {rules.screening: early, 0.0: winner.fit})
 
 
-def _try_all(bench: Workbench, base: _Base, rules: _Rules, options: list[Insertion]) -> list[Candidate]:
-    """Screen all, fit the most promising, and judge; the accepted one, if any, comes first."""
-    screened = screen(bench, base.taken, base.fits[rules.screening].point, options, rules.screening, rules.sd)
-    possible = [c for c in screened if not c.why_not]
-    rest = [c for c in screened if c.why_not]
-    wide = [c for c in possible[:WIDE] if c.predicted > FAINT * possible[0].predicted]
-    rest += [replace(c, why_not="others promise more") for c in possible if c not in wide]
-    for candidate in wide:
-        bench.expect(candidate.parameters)
-    early = _each(bench, wide, lambda at, candidate: _tried(at, base, rules, candidate), "first fit")
-    rest += [c for c in early if c.why_not]
-    ranked = sorted((c for c in early if not c.why_not), key=lambda c: bic(c.fit) if c.fit else np.inf)
-    rest += [replace(c, why_not="others explain more at the first stage") for c in ranked[NARROW:]]
-    judged = _each(bench, ranked[:NARROW], lambda at, candidate: _judge(at, base, rules, candidate), "last fit")
-    fitted = [c for c in judged if c.fit is not None]
-    return _ordered(fitted, rules) + [c for c in judged if c.fit is None] + rest
-
-
-def _each(
-    bench: Workbench, items: list[Candidate], work: Callable[[Workbench, Candidate], Candidate], stage: str
-) -> list[Candidate]:
-    """Do a work on each candidate, in several processes if the workbench has them; failures say why."""
-    is_shared = bench.jobs > 1
-    at = bench.quiet() if is_shared else bench
-
-    def attempt(candidate: Candidate) -> tuple[dict[str, float], float, float, Fit | None, str]:
-        try:
-            done = work(at, candidate)
-        except (SolverError, ModelError) as error:
-            return candidate.parameters, 0.0, 0.0, None, f"its fit failed: {error}"
-        return done.parameters, done.gain, done.t, done.fit, done.why_not
-
-    found = []
-    for candidate, result in zip(items, in_parallel(attempt, items, jobs=bench.jobs), strict=True):
-        parameters, gain, t, fit, why_not = result
-        found.append(replace(candidate, parameters=parameters, gain=gain, t=t, fit=fit, why_not=why_not))
-        if is_shared and fit is not None:
-            bench.report(stage, candidate.insertion.prefix, float(np.sqrt(fit.chi2 / fit.n_residuals)))
-    return found
-
-
-def _tried(bench: Workbench, base: _Base, rules: _Rules, candidate: Candidate) -> Candidate:
-    """Fit a candidate at the stage of screening, roughly: from there it is judged."""
-    together = (*base.taken, candidate.insertion)
-    guess = base.fits[rules.screening].point | candidate.parameters
-    fit = bench.fit(together, guess, (rules.screening,), rules.sd, patient=False, iterations=EARLY)
-    if not np.isfinite(fit.chi2):
-        raise SolverError("its simulation diverges")
-    return replace(candidate, fit=fit)
-
-
-def _ordered(fitted: list[Candidate], rules: _Rules) -> list[Candidate]:
-    """Put the one to take first: of those that explain the data alike, the one with the fewest parameters."""
-    fitted = sorted(fitted, key=lambda c: (bool(c.why_not), -c.gain))
-    good = [c for c in fitted if not c.why_not]
-    if not good:
-        return fitted
-    best = good[0]
-    assert best.fit is not None
-    alike = [c for c in good if best.gain - c.gain < _margin(c, best, rules)]
-    first = min(alike, key=lambda c: (len(c.insertion.parameter_names), -c.gain))
-    others = [replace(c, why_not=c.why_not or _second(c, first)) for c in fitted if c is not first]
-    return [first, *others]
-
-
-def _margin(candidate: Candidate, best: Candidate, rules: _Rules) -> float:
-    """Return by how much the criterion of a candidate may be behind and still count as alike.
-
-    One that leaves nothing but noise may be further behind: what is missing is then a matter of the law's exact shape.
-    """
-    if rules.regime == "disturbances":
-        return ALIKE_DISTURBED
-    assert candidate.fit is not None and best.fit is not None
-    share = ALIKE_SHARE if residuals(candidate.fit).is_passed else ALIKE_WHITE
-    return max(ALIKE, share * best.fit.chi2)
-
-
-def _second(candidate: Candidate, first: Candidate) -> str:
-    explains = "explains as much with fewer parameters" if candidate.gain > first.gain else "explains more"
-    return f"`{first.insertion.prefix}` {explains}"
-
-
-def _judge(bench: Workbench, base: _Base, rules: _Rules, candidate: Candidate) -> Candidate:
-    """Fit a candidate to the end and say whether it is worth its parameters."""
-    together = (*base.taken, candidate.insertion)
-    assert candidate.fit is not None
-    stages = (rules.screening,) if rules.regime == "disturbances" else (rules.screening, 0.0)
-    fit = bench.fit(together, candidate.fit.point, stages, rules.sd, patient=False)
-    parameters = {name: fit.values[name] for name in candidate.insertion.parameter_names}
-    if rules.regime == "noise":
-        gain, t = bic(base.fit) - bic(fit), _white_t(fit, candidate.insertion)
-        change = f"falls by {gain:.1f}, less than {MIN_BIC_GAIN:g}" if gain > 0 else f"rises by {-gain:.1f}"
-        coloured = coloured_bic(base.fit) - coloured_bic(fit)
-        why = "" if gain > MIN_BIC_GAIN else f"BIC {change}"
-        if not why and coloured < MIN_BIC_GAIN:
-            why = f"with residuals as alike as they are BIC falls by {coloured:.1f} only, less than {MIN_BIC_GAIN:g}"
-    else:
-        gain, t = _disturbed_gain(bench, base, together, fit, rules)
-        why = ""
-        if gain < 100 * MIN_SHARE:
-            why = f"it explains {gain:.1f} % of the cross-validated cost, less than {100 * MIN_SHARE:g} %"
-        elif abs(t) < MIN_T:
-            why = f"its size differs between parts of the data: {abs(t):.1f} jackknife sds from zero"
-    sizes = [e.status == "at-bound" for e in fit.parameters if e.name in candidate.insertion.size_names]
-    if sizes and all(sizes):
-        why = "its parameter ends on its bound, where it has no effect"
-    return replace(candidate, parameters=parameters, gain=gain, t=t, fit=fit, why_not=why)
-
-
-def _white_t(fit: Fit, insertion: Insertion) -> float:
-    ratios = [abs(e.value) / e.sd for e in fit.parameters if e.name in insertion.parameter_names and e.sd > 0]
-    return float(min(ratios, default=0.0))
-
-
-def _disturbed_gain(
-    bench: Workbench, base: _Base, together: tuple[Insertion, ...], fit: Fit, rules: _Rules
-) -> tuple[float, float]:
-    before = robust(base.fit, bench.solved(base.taken, base.fit, rules.sd))
-    after = robust(fit, bench.solved(together, fit, rules.sd))
-    own = [fit.values[name] / max(after.sd.get(name, np.inf), 1e-300) for name in together[-1].parameter_names]
-    return 100 * (1 - after.cost / before.cost), min(own, key=abs)
-
-
-def _aliases(winner: Candidate, ranked: list[Candidate]) -> tuple[str, ...]:
-    """Return what the data cannot tell from the winner: places that move alike, effects as good, or that act alike.
-
-    An effect with the same number of parameters whose criterion is within NEAR is as good; one that moves the data in
-    the same direction acts alike, unless its own fit was clearly worse.
-    """
-    same = [f"{winner.insertion.card.id} at {place}" for place in winner.insertion.place.same_motion]
-    close = []
-    for other in ranked:
-        if other.insertion.prefix == winner.insertion.prefix:
-            continue
-        is_fitted = other.fit is not None and other.gain != 0.0
-        is_as_good = is_fitted and abs(winner.gain - other.gain) < NEAR
-        is_worse = is_fitted and winner.gain - other.gain > FAR_BEHIND
-        if is_as_good or (_are_parallel(winner, other) and not is_worse):
-            close.append(f"{other.insertion.card.id} at {other.insertion.place.at}")
-    return (*same, *close)
-
-
-def _prune(bench: Workbench, base: _Base, steps: list[Step], rules: _Rules) -> tuple[_Base, list[Step]]:
+def _prune(bench: Workbench, base: Base, steps: list[Step], rules: Rules) -> tuple[Base, list[Step]]:
     """Take back each earlier addition that the model with the last one does without."""
     for step in list(steps[:-1]):
         fewer = tuple(i for i in base.taken if i.prefix != step.candidate.insertion.prefix)
@@ -378,9 +188,7 @@ def _prune(bench: Workbench, base: _Base, steps: list[Step], rules: _Rules) -> t
     return base, steps
 
 
-def _swap(
-    bench: Workbench, base: _Base, steps: list[Step], rules: _Rules, library: _Library
-) -> tuple[_Base, list[Step]]:
+def _swap(bench: Workbench, base: Base, steps: list[Step], rules: Rules, library: _Library) -> tuple[Base, list[Step]]:
     """Put another effect in the place of each earlier one if, with the last one in, it explains more.
 
     The first effect chosen soaks up a part of those still missing, and may be the wrong one of two alike.
@@ -391,17 +199,17 @@ def _swap(
         others = [s for s in steps if s is not old]
         fewer = tuple(s.candidate.insertion for s in others)
         without = _fit_base(bench, fewer, base.fits[rules.screening].point, rules)
-        ranked = _try_all(bench, without, rules, candidates(cards, here, fewer))
+        ranked = try_all(bench, without, rules, candidates(cards, here, fewer))
         best = ranked[0] if ranked else None
         if best is None or best.why_not or best.fit is None or best.insertion.prefix == old.candidate.insertion.prefix:
             continue
         if _criterion(base.fit, rules) - _criterion(best.fit, rules) <= NEAR:
             continue
         base = _base_of(bench, fewer, best, rules)
-        steps = [*others, Step(best, residuals(base.fit), _aliases(best, ranked))]
+        steps = [*others, Step(best, residuals(base.fit), aliases(best, ranked))]
     return base, steps
 
 
-def _criterion(fit: Fit, rules: _Rules) -> float:
+def _criterion(fit: Fit, rules: Rules) -> float:
     """Return what is compared between models of equal size: BIC, or percent of the cost of prediction."""
     return bic(fit) if rules.regime == "noise" else 100 * float(np.log(fit.chi2))

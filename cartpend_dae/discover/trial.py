@@ -1,0 +1,208 @@
+"""Stage 3: the most promising effects are fitted and judged, and one of them is put first."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cartpend_dae.discover.evidence import bic, coloured_bic, robust
+from cartpend_dae.discover.gate import residuals
+from cartpend_dae.discover.records import Candidate, Regime
+from cartpend_dae.discover.screen import screen
+from cartpend_dae.discover.workbench import Workbench
+from cartpend_dae.effects import Insertion
+from cartpend_dae.errors import ModelError, SolverError
+from cartpend_dae.identify import Fit
+from cartpend_dae.parallel import in_parallel
+
+# so many of the best predictions are fitted at the first stage, in so many steps, and the best of them to the end
+WIDE, NARROW, EARLY = 10, 4, 6
+# predictions below this share of the best one are not fitted
+FAINT = 0.03
+# models whose criterion differs by less than this, or this share of chi2, explain the data alike: the smaller is taken
+ALIKE, ALIKE_SHARE, ALIKE_WHITE = 10.0, 0.01, 0.05
+# responses with a larger cosine move the data alike
+PARALLEL = 0.95
+# noise alone: drop of BIC (largest on 90 data sets with nothing missing: 8.6)
+MIN_BIC_GAIN = 20.0
+# with disturbances: share of the cross-validated cost that one effect must explain. On the measured axis EMPS
+# effects that are there explain 42 to 94 % at bandwidths of 30 to 1000 rad/s, imitations of a missing one at most 22 %.
+MIN_SHARE = 0.3
+MIN_T = 5.0
+NEAR, FAR_BEHIND = 3.0, 100.0
+# share of the cross-validated cost by which models with disturbances may differ and explain the data alike
+ALIKE_DISTURBED = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Base:
+    """The model so far: its fits by bandwidth, the last of which decides."""
+
+    taken: tuple[Insertion, ...]
+    fits: dict[float, Fit]
+
+    @property
+    def fit(self) -> Fit:
+        """The last fit."""
+        return list(self.fits.values())[-1]
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """How the regime fits and decides: `stages` of the base, the stage of screening, weights."""
+
+    regime: Regime
+    stages: tuple[float, ...]
+    screening: float
+    sd: np.ndarray
+
+
+def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]) -> list[Candidate]:
+    """Screen all, fit the most promising, and judge; the accepted one, if any, comes first."""
+    screened = screen(bench, base.taken, base.fits[rules.screening].point, options, rules.screening, rules.sd)
+    possible = [c for c in screened if not c.why_not]
+    rest = [c for c in screened if c.why_not]
+    wide = [c for c in possible[:WIDE] if c.predicted > FAINT * possible[0].predicted]
+    rest += [replace(c, why_not="others promise more") for c in possible if c not in wide]
+    for candidate in wide:
+        bench.expect(candidate.parameters)
+    early = _each(bench, wide, lambda at, candidate: _tried(at, base, rules, candidate), "first fit")
+    rest += [c for c in early if c.why_not]
+    ranked = sorted((c for c in early if not c.why_not), key=lambda c: bic(c.fit) if c.fit else np.inf)
+    rest += [replace(c, fit=None, why_not="others explain more at the first stage") for c in ranked[NARROW:]]
+    judged = _each(bench, ranked[:NARROW], lambda at, candidate: _judge(at, base, rules, candidate), "last fit")
+    fitted = [c for c in judged if c.fit is not None]
+    return _ordered(fitted, rules) + [c for c in judged if c.fit is None] + rest
+
+
+def _each(
+    bench: Workbench, items: list[Candidate], work: Callable[[Workbench, Candidate], Candidate], stage: str
+) -> list[Candidate]:
+    """Do a work on each candidate, in several processes if the workbench has them; failures say why."""
+    is_shared = bench.jobs > 1
+    at = bench.quiet() if is_shared else bench
+
+    def attempt(candidate: Candidate) -> tuple[dict[str, float], float, float, Fit | None, str]:
+        try:
+            done = work(at, candidate)
+        except (SolverError, ModelError) as error:
+            return candidate.parameters, 0.0, 0.0, None, f"its fit failed: {error}"
+        return done.parameters, done.gain, done.t, done.fit, done.why_not
+
+    found = []
+    for candidate, result in zip(items, in_parallel(attempt, items, jobs=bench.jobs), strict=True):
+        parameters, gain, t, fit, why_not = result
+        found.append(replace(candidate, parameters=parameters, gain=gain, t=t, fit=fit, why_not=why_not))
+        if is_shared and fit is not None:
+            bench.report(stage, candidate.insertion.prefix, float(np.sqrt(fit.chi2 / fit.n_residuals)))
+    return found
+
+
+def _tried(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> Candidate:
+    """Fit a candidate at the stage of screening, roughly: from there it is judged."""
+    together = (*base.taken, candidate.insertion)
+    guess = base.fits[rules.screening].point | candidate.parameters
+    fit = bench.fit(together, guess, (rules.screening,), rules.sd, patient=False, iterations=EARLY)
+    if not np.isfinite(fit.chi2):
+        raise SolverError("its simulation diverges")
+    return replace(candidate, fit=fit)
+
+
+def _ordered(fitted: list[Candidate], rules: Rules) -> list[Candidate]:
+    """Put the one to take first: of those that explain the data alike, the one with the fewest parameters."""
+    fitted = sorted(fitted, key=lambda c: (bool(c.why_not), -c.gain))
+    good = [c for c in fitted if not c.why_not]
+    if not good:
+        return fitted
+    best = good[0]
+    assert best.fit is not None
+    alike = [c for c in good if best.gain - c.gain < _margin(c, best, rules)]
+    first = min(alike, key=lambda c: (len(c.insertion.parameter_names), -c.gain))
+    others = [replace(c, why_not=c.why_not or _second(c, first)) for c in fitted if c is not first]
+    return [first, *others]
+
+
+def _margin(candidate: Candidate, best: Candidate, rules: Rules) -> float:
+    """Return by how much the criterion of a candidate may be behind and still count as alike.
+
+    One that leaves nothing but noise may be further behind: what is missing is then a matter of the law's exact shape.
+    """
+    if rules.regime == "disturbances":
+        return ALIKE_DISTURBED
+    assert candidate.fit is not None and best.fit is not None
+    share = ALIKE_SHARE if residuals(candidate.fit).is_passed else ALIKE_WHITE
+    return max(ALIKE, share * best.fit.chi2)
+
+
+def _second(candidate: Candidate, first: Candidate) -> str:
+    explains = "explains as much with fewer parameters" if candidate.gain > first.gain else "explains more"
+    return f"`{first.insertion.prefix}` {explains}"
+
+
+def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> Candidate:
+    """Fit a candidate to the end and say whether it is worth its parameters."""
+    together = (*base.taken, candidate.insertion)
+    assert candidate.fit is not None
+    stages = (rules.screening,) if rules.regime == "disturbances" else (rules.screening, 0.0)
+    fit = bench.fit(together, candidate.fit.point, stages, rules.sd, patient=False)
+    parameters = {name: fit.values[name] for name in candidate.insertion.parameter_names}
+    if rules.regime == "noise":
+        gain, t = bic(base.fit) - bic(fit), _white_t(fit, candidate.insertion)
+        change = f"falls by {gain:.1f}, less than {MIN_BIC_GAIN:g}" if gain > 0 else f"rises by {-gain:.1f}"
+        coloured = coloured_bic(base.fit) - coloured_bic(fit)
+        why = "" if gain > MIN_BIC_GAIN else f"BIC {change}"
+        if not why and coloured < MIN_BIC_GAIN:
+            why = f"with residuals as alike as they are BIC falls by {coloured:.1f} only, less than {MIN_BIC_GAIN:g}"
+    else:
+        gain, t = _disturbed_gain(bench, base, together, fit, rules)
+        why = ""
+        if gain < 100 * MIN_SHARE:
+            why = f"it explains {gain:.1f} % of the cross-validated cost, less than {100 * MIN_SHARE:g} %"
+        elif abs(t) < MIN_T:
+            why = f"its size differs between parts of the data: {abs(t):.1f} jackknife sds from zero"
+    sizes = [e.status == "at-bound" for e in fit.parameters if e.name in candidate.insertion.size_names]
+    if sizes and all(sizes):
+        why = "its parameter ends on its bound, where it has no effect"
+    return replace(candidate, parameters=parameters, gain=gain, t=t, fit=fit, why_not=why)
+
+
+def _white_t(fit: Fit, insertion: Insertion) -> float:
+    ratios = [abs(e.value) / e.sd for e in fit.parameters if e.name in insertion.parameter_names and e.sd > 0]
+    return float(min(ratios, default=0.0))
+
+
+def _disturbed_gain(
+    bench: Workbench, base: Base, together: tuple[Insertion, ...], fit: Fit, rules: Rules
+) -> tuple[float, float]:
+    before = robust(base.fit, bench.solved(base.taken, base.fit, rules.sd))
+    after = robust(fit, bench.solved(together, fit, rules.sd))
+    own = [fit.values[name] / max(after.sd.get(name, np.inf), 1e-300) for name in together[-1].parameter_names]
+    return 100 * (1 - after.cost / before.cost), min(own, key=abs)
+
+
+def aliases(winner: Candidate, ranked: list[Candidate]) -> tuple[str, ...]:
+    """Return what the data cannot tell from the winner: places that move alike, effects as good, or that act alike.
+
+    An effect with the same number of parameters whose criterion is within NEAR is as good; one that moves the data in
+    the same direction acts alike, unless its own fit was clearly worse.
+    """
+    same = [f"{winner.insertion.card.id} at {place}" for place in winner.insertion.place.same_motion]
+    close = []
+    for other in ranked:
+        if other.insertion.prefix == winner.insertion.prefix:
+            continue
+        is_fitted = other.fit is not None and other.gain != 0.0
+        is_as_good = is_fitted and abs(winner.gain - other.gain) < NEAR
+        is_worse = is_fitted and winner.gain - other.gain > FAR_BEHIND
+        if is_as_good or (are_parallel(winner, other) and not is_worse):
+            close.append(f"{other.insertion.card.id} at {other.insertion.place.at}")
+    return (*same, *close)
+
+
+def are_parallel(one: Candidate, other: Candidate) -> bool:
+    """Return whether two candidates are one, or were predicted to move the residuals in one direction."""
+    if one.insertion.prefix == other.insertion.prefix:
+        return True
+    if one.response is None or other.response is None or one.response.size != other.response.size:
+        return False
+    return abs(float(one.response @ other.response)) > PARALLEL
