@@ -15,7 +15,7 @@ from gekko import GEKKO
 # guesses, noise, widths of the tanh [rad/s, m/s]
 RIGS = {
     "pendulum": ([0.02, 0.008], 1e-3, [1e-2, 5e-3, 2.5e-3, 1e-3]),
-    "cart": ([40.0, 5.0, 10.0], 1e-4, [1e-3, 5e-4, 2e-4, 1e-4]),
+    "cart": ([40.0, 5.0, 10.0], 1e-4, [1e-2, 5e-3, 2.5e-3]),
 }
 
 
@@ -40,7 +40,7 @@ def problem(case, times, values, guess):
     m.Equation(x.dt() == v)
     m.Equation(v.dt() == right)
     m.options.IMODE, m.options.EV_TYPE, m.options.NODES, m.options.SOLVER = 5, 2, 3, 3
-    m.options.MAX_ITER, m.options.TIME_SHIFT, m.options.OTOL, m.options.RTOL = 200, 0, 1e-7, 1e-7
+    m.options.MAX_ITER, m.options.TIME_SHIFT, m.options.OTOL, m.options.RTOL = 100, 0, 1e-7, 1e-7
     return m, scaled, x, width
 
 

@@ -1,8 +1,8 @@
 """Fit the two rigs by Pyomo: simultaneous collocation (pyomo.dae), with a smooth sign of dry friction.
 
-``python with_pyomo.py CASE RUN.csv TRUTH...`` prints JSON. The collocation is Radau's with three points, two elements
-from sample to sample: with one, what a stop inside an element costs shows in the residuals. The states start at the
-log. IPOPT solves with a wide sign first, and again from each solution with a narrower one; the narrowest that it
+``python with_pyomo.py CASE RUN.csv TRUTH...`` prints JSON. The collocation is Radau's with three points, its
+elements no longer than a sample: shorter ones cost less accuracy at a stop, and more iterations. The states start at
+the log. IPOPT solves with a wide sign first, and again from each solution with a narrower one; the narrowest that it
 solves counts. sgn(v) is v / sqrt(v^2 + width^2), for the AMPL library cannot differentiate tanh(v / width) beyond
 some 700 widths. The solver is Pyomo's `cyipopt`, which needs the library that ``pyomo build-extensions`` makes.
 """
@@ -15,12 +15,11 @@ import numpy as np
 import pyomo.environ as pyo
 from pyomo.dae import ContinuousSet, DerivativeVar
 
-# guesses, noise, widths of the sign [rad/s, m/s]
+# guesses, noise, elements from sample to sample, widths of the sign [rad/s, m/s]
 RIGS = {
-    "pendulum": ([0.02, 0.008], 1e-3, [1e-2, 1e-3, 1e-4]),
-    "cart": ([40.0, 5.0, 10.0], 1e-4, [1e-3, 3e-4, 1e-4, 3e-5, 1e-5]),
+    "pendulum": ([0.02, 0.008], 1e-3, 2, [1e-3, 1e-4]),
+    "cart": ([40.0, 5.0, 10.0], 1e-4, 1, [1e-3, 3e-4, 1e-4, 3e-5]),
 }
-ELEMENTS = 2
 FIRST = {"tol": 1e-8, "max_iter": 200, "print_level": 0, "sb": "yes"}
 NEXT = FIRST | {"mu_init": 1e-6}
 
@@ -35,7 +34,7 @@ def acceleration(case, p, x, v, width):
 
 def problem(case, times, values, guess):
     """Return the collocated problem, its states on the log."""
-    _, noise, widths = RIGS[case]
+    _, noise, elements, widths = RIGS[case]
     m = pyo.ConcreteModel()
     m.t = ContinuousSet(initialize=times.tolist())
     m.scaled = pyo.Var(range(len(guess)), initialize=1.0, bounds=(0.0, None))
@@ -45,7 +44,7 @@ def problem(case, times, values, guess):
     m.dx, m.dv = DerivativeVar(m.x), DerivativeVar(m.v)
     m.speed = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] == m.v[t])
     m.law = pyo.Constraint(m.t, rule=lambda m, t: m.dv[t] == acceleration(case, m.p, m.x[t], m.v[t], m.width))
-    collocation, n_elements = pyo.TransformationFactory("dae.collocation"), ELEMENTS * (times.size - 1)
+    collocation, n_elements = pyo.TransformationFactory("dae.collocation"), elements * (times.size - 1)
     collocation.apply_to(m, nfe=n_elements, ncp=3, scheme="LAGRANGE-RADAU")
     m.v[times[0]].fix(0.0)
     m.cost = pyo.Objective(expr=sum(((m.x[t] - y) / noise) ** 2 for t, y in zip(times.tolist(), values, strict=True)))
@@ -61,7 +60,7 @@ def problem(case, times, values, guess):
 def fit(case, times, values, start):
     """Return estimates, cost and width of the narrowest sign that is solved, and times."""
     wall, processor = time.perf_counter(), time.process_time()
-    guess, _, widths = RIGS[case]
+    guess, _, _, widths = RIGS[case]
     m, found = problem(case, times, values, guess if start is None else start), {}
     for width in widths:
         m.width.value = width
