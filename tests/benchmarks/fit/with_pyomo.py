@@ -1,7 +1,7 @@
 """Fit the two rigs by Pyomo: simultaneous collocation (pyomo.dae), with a smooth sign of dry friction.
 
 ``python with_pyomo.py CASE RUN.csv TRUTH...`` prints JSON. The collocation is Radau's with three points, its
-elements no longer than a sample: shorter ones cost less accuracy at a stop, and more iterations. The states start at
+elements no longer than a sample: shorter ones follow a stop better, and solve harder. The states start at
 the log. IPOPT solves with a wide sign first, and again from each solution with a narrower one; the narrowest that it
 solves counts. sgn(v) is v / sqrt(v^2 + width^2), for the AMPL library cannot differentiate tanh(v / width) beyond
 some 700 widths. The solver is Pyomo's `cyipopt`, which needs the library that ``pyomo build-extensions`` makes.
@@ -17,8 +17,8 @@ from pyomo.dae import ContinuousSet, DerivativeVar
 
 # guesses, noise, elements from sample to sample, widths of the sign [rad/s, m/s]
 RIGS = {
-    "pendulum": ([0.02, 0.008], 1e-3, 2, [1e-3, 1e-4]),
-    "cart": ([40.0, 5.0, 10.0], 1e-4, 1, [1e-3, 3e-4, 1e-4, 3e-5]),
+    "pendulum": ([0.02, 0.008], 1e-3, 2, [1e-2, 1e-3, 1e-4]),
+    "cart": ([40.0, 5.0, 10.0], 1e-4, 1, [1e-3, 3e-4, 1e-4, 3e-5, 1e-5]),
 }
 FIRST = {"tol": 1e-8, "max_iter": 200, "print_level": 0, "sb": "yes"}
 NEXT = FIRST | {"mu_init": 1e-6}
