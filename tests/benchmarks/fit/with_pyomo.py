@@ -65,7 +65,7 @@ def fit(case, times, values, start):
     for width in widths:
         m.width.value = width
         done = pyo.SolverFactory("cyipopt", options=NEXT if found else FIRST).solve(m)
-        if str(done.solver.status) != "ok":
+        if not pyo.check_optimal_termination(done):
             break
         found = {"estimates": [float(pyo.value(p)) for p in m.p.values()], "chi2": float(pyo.value(m.cost))}
         found["width"] = width
