@@ -34,8 +34,7 @@ def section(results):
     return [
         *lines,
         "",
-        _PYOMO.format(results["pyomo"].strip("[]") or "none"),
-        "",
+        *([_PYOMO.format(results["pyomo"].strip("[]") or "none"), ""] if "pyomo" in results else []),
         *_chain(results["chain"]),
         "",
         "### Targets of identification",
