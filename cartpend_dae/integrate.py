@@ -40,17 +40,21 @@ UNSEEN = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """An integrator and its tolerances."""
+    """An integrator and its tolerances; `is_differentiated` asks for one whose derivatives are exact."""
 
     method: Method
     rtol: float
     atol: float
     is_compiled: bool = False
+    is_differentiated: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Begin:
-    """A system where it starts: states (n_x,), algebraic variables (n_z,), parameters and, with events, memory."""
+    """A system where it starts: states (n_x,), algebraic variables (n_z,), parameters and, with events, memory.
+
+    `undecided` is the memory before anything was decided.
+    """
 
     system: System
     machine: Machine | None
@@ -59,6 +63,7 @@ class Begin:
     p: np.ndarray
     found: Mapping[str, float]
     memory: np.ndarray
+    undecided: np.ndarray
 
     @property
     def between(self) -> System:
@@ -79,6 +84,16 @@ class Run:
     x: np.ndarray
     z: np.ndarray
     memory: np.ndarray | None
+
+
+@dataclass(frozen=True, slots=True)
+class Solved:
+    """A run, the same `left` of the jumps of inputs, and what was integrated (None without states), by what plugin."""
+
+    run: Run
+    left: Run
+    whole: Integration | None
+    plugin: str
 
 
 def given_of(made: Machine, memory: np.ndarray) -> np.ndarray:
@@ -107,7 +122,7 @@ def started(system: System, p: np.ndarray, u: np.ndarray, initialize: Callable[.
     """
     if system.hybrid.is_empty and not system.frictions.places:
         start = initialize(system, p, u)
-        return Begin(system, None, start.x, start.z, start.p, start.found, np.zeros(0))
+        return Begin(system, None, start.x, start.z, start.p, start.found, np.zeros(0), np.zeros(0))
     time, span = float(grid[0]), float(grid[-1] - grid[0])
     made, h = once(system, "machine", span, lambda: machine(system, span)), system.hybrid
     memory = initial_memory(made, system, time, u, p)
@@ -132,7 +147,8 @@ def started(system: System, p: np.ndarray, u: np.ndarray, initialize: Callable[.
     memory[:n_f] = np.sign(np.where(np.abs(speeds) > 1e-9, speeds, 0.0))
     memory[where.stop : where.stop + held.size] = held
     x, settled = made.settle(time, start.x, memory, start.z, u, start.p)
-    return Begin(system, made, np.asarray(x).ravel(), start.z, start.p, start.found, np.asarray(settled).ravel())
+    x, settled = np.asarray(x).ravel(), np.asarray(settled).ravel()
+    return Begin(system, made, x, start.z, start.p, start.found, settled, memory)
 
 
 def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choice) -> Run:
@@ -156,10 +172,16 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
     SolverError
         If the integration fails, or a condition of the model ends it.
     """
+    return solved(begin, driven, grid, choice).run
+
+
+def solved(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choice) -> Solved:
+    """Integrate over a grid as `integrate` does, and keep how."""
     system, made = begin.between, begin.machine
     if made is None and system.x.numel() == 0:
         z = algebraics_along(system, Start(begin.x, begin.z, begin.p, {}), begin.p, inputs_at(driven, grid), grid)
-        return Run(np.zeros((0, grid.size)), z, None)
+        run = Run(np.zeros((0, grid.size)), z, None)
+        return Solved(run, run, None, "")
     posed = hybrid_problem(begin.system, made, driven, grid)
     problem = posed.problem
     options: dict[str, Any] = {"reltol": choice.rtol, "abstol": choice.atol, "show_eval_warnings": False}
@@ -183,24 +205,25 @@ def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
     missed: list[str] = []
     for share in SHARES:
         options = options | {"max_step_size": span * share}
-        run = _run(begin, driven, choice, replace(whole, options=options, x=x_0))
-        _check_end(begin, run)
-        run = _right_of_jumps(begin, made, driven, run, grid)
+        found = _run(begin, driven, choice, replace(whole, options=options, x=x_0))
+        _check_end(begin, found.run)
+        run = _right_of_jumps(begin, made, driven, found.run, grid)
         missed = _missed(begin, made, driven, run, grid)
         if not missed:
-            return run
+            return replace(found, run=run)
     raise SolverError(
         f"{system.name}: events of {', '.join(missed)} are passed over even with steps of {options['max_step_size']:g} "
         f"s: a condition changes there and back faster than that. Simulate a shorter time, or let it change slower."
     )
 
 
-def _run(begin: Begin, driven: DrivenInputs, choice: Choice, whole: Integration) -> Run:
+def _run(begin: Begin, driven: DrivenInputs, choice: Choice, whole: Integration) -> Solved:
     """Integrate by the first of some integrators that can."""
     system, grid, n_x, n_m = begin.between, whole.grid, begin.x.size, begin.memory.size
     jumps = np.flatnonzero(jumps_of(driven, grid)).tolist()
-    whole = replace(whole, jumps=tuple(jumps if len(jumps) <= MOST_RESTARTS else []))
-    result, failures = None, []
+    restarts = len(jumps) <= MOST_RESTARTS and not choice.is_differentiated  # a derivative is that of one piece
+    whole = replace(whole, jumps=tuple(jumps if restarts else []))
+    result, failures, plugin = None, [], ""
     for plugin in _plugins(begin, driven, grid, choice):
         result, reason = whole.run(plugin, grid.size)
         if result is not None:
@@ -211,7 +234,8 @@ def _run(begin: Begin, driven: DrivenInputs, choice: Choice, whole: Integration)
         raise SolverError(breakdown_sentence(system, whole, failures[0], u))
     x = np.column_stack([whole.x, np.asarray(result["xf"])])
     z = np.column_stack([begin.z, np.asarray(result["zf"])]) if begin.z.size else np.zeros((0, grid.size))
-    return Run(x[:n_x], z, None if begin.machine is None else x[n_x : n_x + n_m])
+    run = Run(x[:n_x], z, None if begin.machine is None else x[n_x : n_x + n_m])
+    return Solved(run, run, whole, plugin)
 
 
 def _right_of_jumps(begin: Begin, made: Machine, driven: DrivenInputs, run: Run, grid: np.ndarray) -> Run:
@@ -253,7 +277,7 @@ def _plugins(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choic
         return ("erk", "rosenbrock") if n_steps < MOST_STEPS else ("rosenbrock", "erk")
     if method != "adaptive":
         return (method,)
-    if choice.is_compiled:  # cvodes and idas cannot be
+    if choice.is_compiled or choice.is_differentiated:  # cvodes and idas cannot be
         n_steps = _fastest_rate(begin, driven, grid) * float(grid[-1] - grid[0]) / STABLE
         return ("erk",) if n_steps < FEW_STEPS and not begin.z.size else ("rosenbrock",)
     if begin.system.algebraics:

@@ -2,7 +2,7 @@
 
 import contextlib
 import io
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, cast
@@ -69,12 +69,73 @@ class Integration:
         outputs = np.arange(first if first else 1, last + 1)
         u = self.u[:, np.maximum(outputs - 1, first)]
         is_compiled = self.is_compiled and n == self.grid.size
-        settings = tuple((name, value) for name, value in self.options.items() if name != "transition")
         times = np.append(self.grid[first], self.grid[outputs])
-        key = (self.key, plugin, settings, is_compiled, content(times))
         with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-            integrator = once(self.system, "integrator", key, lambda: self._integrator(plugin, times, is_compiled))
+            integrator = self._kept(plugin, times, is_compiled)
             return _evaluated(integrator, {"x0": start[0], "z0": start[1], "p": self.p, "u": u}, outputs.size)
+
+    def _kept(self, plugin: str, times: np.ndarray, is_compiled: bool) -> ca.Function:
+        settings = tuple((name, value) for name, value in self.options.items() if name != "transition")
+        key = (self.key, plugin, settings, is_compiled, content(times))
+        return once(self.system, "integrator", key, lambda: self._integrator(plugin, times, is_compiled))
+
+    def forward(self, plugin: str, dx: np.ndarray, dp: np.ndarray) -> np.ndarray:
+        """Return the derivatives of the states at the grid points after the first, shape (n_x, n - 1, n_directions).
+
+        Parameters
+        ----------
+        plugin
+            `erk` or `rosenbrock`: the others differentiate wrongly through events.
+        dx, dp
+            Derivatives of start states (n_x, n_directions) and parameters (n_p, n_directions).
+
+        Raises
+        ------
+        RuntimeError
+            If the integration fails.
+        """
+        n = dx.shape[1]
+        found = self._derived(plugin, lambda run: run.forward(n), {"x0": dx, "p": dp}, is_forward=True)
+        return found[0].reshape(dx.shape[0], n, -1).transpose(0, 2, 1)
+
+    def reverse(self, plugin: str, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the gradient of a weighted sum of the states after the first grid point, weights (n_x, n - 1).
+
+        Returns
+        -------
+        tuple
+            Gradients in the start states (n_x,) and the parameters (n_p,).
+
+        Raises
+        ------
+        RuntimeError
+            If the integration fails.
+        """
+        found = self._derived(plugin, lambda run: run.reverse(1), {"xf": weights}, is_forward=False)
+        return found[0].ravel(), found[2].ravel()
+
+    def _derived(
+        self,
+        plugin: str,
+        derivative: Callable[[ca.Function], ca.Function],
+        seeds: dict[str, np.ndarray],
+        *,
+        is_forward: bool,
+    ) -> list[np.ndarray]:
+        """Evaluate a derivative of the integrator: it takes its arguments, its results (unused here), and seeds."""
+        given = {"x0": self.x, "z0": self.z, "p": self.p, "u": self.u}
+        with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
+            run = self._kept(plugin, self.grid, False)
+            function = derivative(run)
+            place = run.index_in if is_forward else run.index_out
+            arguments = [ca.DM.zeros(function.sparsity_in(i)) for i in range(function.n_in())]
+            for name, value in given.items():
+                if value.size:
+                    arguments[run.index_in(name)] = ca.DM(value)
+            for name, value in seeds.items():
+                if value.size:
+                    arguments[run.n_in() + run.n_out() + place(name)] = ca.DM(value)
+            return [np.asarray(value) for value in function.call(arguments)]
 
     def _integrator(self, plugin: str, times: np.ndarray, is_compiled: bool) -> ca.Function:
         options = self.options | ({"max_num_steps": MOST_STEPS} if plugin in MULTISTEP else {})

@@ -2,7 +2,8 @@
 
 import math
 import reprlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, get_args
 
@@ -14,7 +15,7 @@ from cartpend_dae.continuous import without_events
 from cartpend_dae.dae import dae, parameter_vector
 from cartpend_dae.data import Trajectory
 from cartpend_dae.errors import ModelError, SolverError
-from cartpend_dae.initialize import initialize, unknown_parameters
+from cartpend_dae.initialize import Start, initialize, unknown_parameters
 from cartpend_dae.inputs import (
     DrivenInputs,
     Input,
@@ -103,34 +104,89 @@ def simulate(
     SolverError
         If no consistent start exists or the integration fails.
     """
-    system = assemble(model)
-    _check_method(method, step, {"rtol": rtol, "atol": atol})
-    grid = _grid(stop, times, points, step if method == "rk4" else None)
-    known = _named("parameters", parameters)
-    p = parameter_vector(system, known)
-    check_bounds(system, p)
-    check_regular(system, p)
-    if method == "rk4":
-        system = without_events(system, "Method `rk4`")
-    every = checked_inputs(system, _named("inputs", inputs))
-    fine = with_knots(grid, every)
-    driven = driven_inputs(every, fine)
-    found = unknown_parameters(system, known, _named("unknown", unknown))
-    system, fine, driven = with_time_events(system, p, fine, driven)
-    u_0 = input_values(driven, fine[:1], driven.left[:, :1])[:, 0]
-    asked = partial(initialize, start=_start_values(start), time=float(grid[0]), unknown=found, steady=steady)
-    begin = started(system, p, u_0, asked, fine)
-    _check_start(begin, u_0, float(grid[0]))
-    _check_frictions(begin, u_0, float(grid[0]))
+    check_method(method, step, {"rtol": rtol, "atol": atol})
+    grid = output_grid(stop, times, points, step if method == "rk4" else None)
+    asked = Asked(inputs, start, parameters, unknown, steady)
+    ready = prepared_run(assemble(model), grid, asked, is_fixed=method == "rk4")
+    begin, driven, fine = ready.begin, ready.driven, ready.fine
     if method == "rk4" and step is not None:
         run = _fixed_steps(begin, driven, fine, step)
     else:
         run = integrate(begin, driven, fine, Choice(method, rtol, atol, compile))
-    units = [system.parameters[system.parameter_index(name)].declaration.unit for name in begin.found]
-    return trajectory(begin, run, driven, fine, grid).with_constants(begin.found, units)
+    return trajectory(begin, run, driven, fine, grid).with_constants(
+        begin.found, [_unit(begin, name) for name in begin.found]
+    )
 
 
-def _check_method(method: str, step: float | None, tolerances: dict[str, float]) -> None:
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What the caller of a run gives besides its times, as `simulate` takes it."""
+
+    inputs: Mapping[str, Input] | None = None
+    start: Mapping[str, float] | None = None
+    parameters: Mapping[str, float] | None = None
+    unknown: Mapping[str, float] | None = None
+    steady: Steady = False
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """A run before its first step: its start, and inputs over the intervals of the `fine` grid of all known times."""
+
+    begin: Begin
+    driven: DrivenInputs
+    fine: np.ndarray
+
+
+def prepared_run(
+    system: System,
+    grid: np.ndarray,
+    asked: Asked,
+    *,
+    is_fixed: bool = False,
+    search: Callable[..., Start] = initialize,
+    with_times: bool = True,
+) -> Ready:
+    """Check what the caller gives, and find the start of a run.
+
+    Parameters
+    ----------
+    system, grid, asked
+        The system, the output times (n,) [s], and what the caller gives.
+    is_fixed
+        Whether the steps are fixed, so that events are stepped over.
+    search
+        What finds the start: `initialize`, or one that keeps more of it.
+    with_times
+        Whether events that time alone decides are points of the grid, computed before the run.
+    """
+    known = _named("parameters", asked.parameters)
+    p = parameter_vector(system, known)
+    check_bounds(system, p)
+    check_regular(system, p)
+    if is_fixed:
+        system = without_events(system, "Method `rk4`")
+    every = checked_inputs(system, _named("inputs", asked.inputs))
+    fine = with_knots(grid, every)
+    driven = driven_inputs(every, fine)
+    found = unknown_parameters(system, known, _named("unknown", asked.unknown))
+    if with_times:
+        system, fine, driven = with_time_events(system, p, fine, driven)
+    u_0 = input_values(driven, fine[:1], driven.left[:, :1])[:, 0]
+    begins, time = _start_values(asked.start), float(grid[0])
+    begin = started(system, p, u_0, partial(search, start=begins, time=time, unknown=found, steady=asked.steady), fine)
+    _check_start(begin, u_0, time)
+    _check_frictions(begin, u_0, time)
+    return Ready(begin, driven, fine)
+
+
+def _unit(begin: Begin, name: str) -> str:
+    system = begin.system
+    return system.parameters[system.parameter_index(name)].declaration.unit
+
+
+def check_method(method: str, step: float | None, tolerances: dict[str, float]) -> None:
+    """Refuse an unknown method, a step that does not fit it, and tolerances that are not positive."""
     if method not in get_args(Method):
         known = ", ".join(f"`{name}`" for name in get_args(Method))
         raise ModelError(f"There is no method {method!r}; choose one of {known}.")
@@ -159,9 +215,10 @@ def _start_values(start: Mapping[str, float] | None) -> dict[str, float]:
     return values
 
 
-def _grid(
+def output_grid(
     stop: float | None, times: Sequence[float] | np.ndarray | None, points: int, step: float | None
 ) -> np.ndarray:
+    """Return the output times (n,) [s] of a run as `simulate` takes them."""
     if times is not None:
         try:
             grid = np.asarray(times, dtype=float)

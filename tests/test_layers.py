@@ -59,7 +59,8 @@ LAYERS = """
     linearize design
     hybrid_problem time_events
     integrate
-    simulate
+    simulate start_slopes coincidence
+    sensitivity
     unknowns cuts
     transcribe
     starts
