@@ -83,12 +83,12 @@ def uncertainty(
     prior = prior[np.ix_(inside, inside)]
     gram = sum((part.T @ part for part in flat), np.zeros((len(inside), len(inside)))) + prior
     middle = meat([run[:, :, inside] for run in slopes], noise) + prior
-    inverse, null = _inverse(gram)
+    inverse, null, unseen = _inverse(gram)
     covariance = np.zeros((len(everything), len(everything)))
     sandwich = inverse @ middle @ inverse
     covariance[np.ix_(inside, inside)] = with_piece_scatter(problem, inside, residuals, slopes, gram, sandwich)
     covariance *= np.outer(slope, slope)
-    for i in np.flatnonzero(np.abs(null).max(axis=1, initial=0.0) > 1e-3):
+    for i in np.flatnonzero(unseen):
         status[inside[i]] = "unidentifiable"
         covariance[inside[i], inside[i]] = np.inf
     for i, state in enumerate(status):
@@ -110,16 +110,20 @@ def _bound_status(item: Free, value: float) -> Status:
     return "ok" if is_inside else "at-bound"
 
 
-def _inverse(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the inverse on what the data see, and the directions (n, n_null) that they do not see."""
+def _inverse(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the inverse on what the data see, the directions (n, n_null) that they do not see, and who is in them.
+
+    A variable is in a direction by what it would do to the residuals, whatever its scale.
+    """
     size = np.sqrt(np.clip(np.diag(gram), 1e-300, None))
     eigenvalues, vectors = np.linalg.eigh(gram / np.outer(size, size))
     good = eigenvalues > BLIND * max(1.0, eigenvalues.max(initial=0.0))
     inverse = (vectors[:, good] / eigenvalues[good]) @ vectors[:, good].T
+    unseen = np.abs(vectors[:, ~good]).max(axis=1, initial=0.0) > 1e-3
     null = vectors[:, ~good] / size[:, None]
     # a variable that moves nothing has no size of its own
     null /= np.maximum(np.abs(null).max(axis=0, initial=0.0), 1e-300)
-    return inverse / np.outer(size, size), null
+    return inverse / np.outer(size, size), null, unseen
 
 
 def _estimate(item: Free, value: float, variance: float, status: Status) -> Estimate:
