@@ -43,7 +43,8 @@ class Machine:
 
     `system` is that between events: discrete variables, relations and pulses are inputs after its own. `force` are the
     friction forces that the memory implies; `indicators` fire where they fall through zero, each at a place;
-    ``settle(t, x, memory, z, u, p) -> (x, memory)`` decides at an event.
+    ``settle(t, x, memory, z, u, p) -> (x, memory)`` decides at an event, by rounds of
+    ``round(t, x, memory, z, u, p, is_first) -> (x, memory, whether anything changed)``.
     """
 
     system: System
@@ -52,6 +53,7 @@ class Machine:
     indicators: ca.SX
     places: tuple[str, ...]
     settle: ca.Function
+    round: ca.Function
 
 
 def machine(system: System, span: float = 1.0) -> Machine:
@@ -90,7 +92,7 @@ def machine(system: System, span: float = 1.0) -> Machine:
     indicators, places = _indicators(s, whole, force, law.speed)
     if h.relations.numel():
         force, indicators = ca.substitute([force, indicators], [h.relations], [whole.relations])
-    return Machine(plain, memory, force, indicators, places, _settle(s, memory, step))
+    return Machine(plain, memory, force, indicators, places, _settle(s, memory, step), step)
 
 
 def _check_targets(s: System) -> None:
