@@ -91,6 +91,7 @@ static enum outcome advance(engine *e, double until)
                 if (e->found[g] >= 0) now->armed[g] = 1;
         }
     }
+    e->until = is_event ? now->t : now->t - closeness(now->t); /* a tick is where rounding puts it */
     if (!is_event && !is_tick) return DONE;
     double before = now->step;
     enum outcome outcome = decide(e);

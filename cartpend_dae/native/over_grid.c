@@ -45,7 +45,7 @@ CASADI_SYMBOL_EXPORT int run_over_grid(const double *set, const double *start, l
             double from = e.now.t;
             outcome = e.now.n_steps + e.now.n_trials < e.set.most_steps ? advance(&e, grid[end]) : TOO_MANY;
             if (outcome < 0) break;
-            for (; next < end && grid[next] < e.now.t - closeness(e.now.t) && e.now.t > from; next++) {
+            for (; next < end && grid[next] < e.until && e.now.t > from; next++) {
                 inside(&e, fmax(grid[next] - e.t_0, 0) / e.h, ys + next * N_Y);
                 memcpy(ms + next * N_M, e.m_0, sizeof(double) * N_M);
             }
