@@ -95,6 +95,6 @@ static enum outcome advance(engine *e, double until)
     if (!is_event && !is_tick) return DONE;
     double before = now->step;
     enum outcome outcome = decide(e);
-    now->step = is_tick && now->first_step > 0 ? now->first_step : before;
+    now->step = now->first_step > 0 ? fmin(now->first_step, is_tick ? HUGE_VAL : before) : before;
     return outcome == DONE ? EVENT : outcome;
 }
