@@ -47,7 +47,7 @@ static enum outcome take_step(engine *e, double target)
         else if (h > 0.5 * rest)
             h = 0.5 * rest; /* two equal steps instead of a long and a tiny one */
         try_step(e, h);
-        error = weighed_error(e);
+        error = weighed(e, e->error);
         double factor = isfinite(error) ? SAFETY * pow(fmax(error, 1e-10), -0.2) : SHRINK;
         factor = fmin(fmax(factor, SHRINK), is_rejected ? 1 : GROW);
         if (error <= 1) {

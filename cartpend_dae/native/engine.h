@@ -52,6 +52,7 @@ typedef struct {
     double y_0[ROOM(N_Y)], y_1[ROOM(N_Y)]; /* its begin and its end */
     double k[N_STAGES][ROOM(N_Y)];         /* its stages */
     double dense[4][ROOM(N_Y)];
+    double is_rough;                       /* whether the dense output needs correction, -1: not asked yet */
     double error[ROOM(N_Y)];
     double jacobian[ROOM(N_Y * N_Y)], in_time[ROOM(N_Y)]; /* at its begin */
     double matrix[ROOM(N_Y * N_Y)];
