@@ -72,7 +72,7 @@ LAYERS = """
     identify
     starting likelihood bootstrap bands excitation
     experiment_design
-    assess
+    assess horizons
     effects
     discover
     multistart

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from cartpend_dae.report.stored import Run, Series
+from cartpend_dae.report.text import for_people
 
 WIDTH, LEFT, RIGHT = 720.0, 62.0, 8.0
 BINS = 480
@@ -98,6 +99,7 @@ def panel(
     band: float = 0.0,
     x_label: str = "",
     is_log: bool = False,
+    width: float = WIDTH,
 ) -> str:
     """Draw curves over a common axis.
 
@@ -108,36 +110,38 @@ def panel(
     label
         Name and unit of what is drawn.
     height
-        Of the picture [px], of which it is 720 wide.
+        Of the picture [px].
     band
         Half width of a band around zero.
     x_label
         Name and unit of the lower axis; without it no ticks are written there.
     is_log
         True makes both axes logarithmic.
+    width
+        Of the picture [px].
     """
     below = 34.0 if x_label else 6.0
-    x = Scale(*_range([line.x for line in lines], 0.0, is_log), LEFT, WIDTH - RIGHT, is_log)
+    x = Scale(*_range([line.x for line in lines], 0.0, is_log), LEFT, width - RIGHT, is_log)
     tall = [line.y for line in lines] + ([np.array([-band, band])] if band else [])
     y = Scale(*_range(tall, 0.06, is_log), height - below, 18.0, is_log)
     parts = [f'<text class="axis" x="{LEFT:g}" y="11">{escape(label)}</text>']
     if band:
         top, bottom = y(band), y(-band)
         parts.append(
-            f'<rect class="band" x="{LEFT:g}" y="{top:.1f}" width="{WIDTH - LEFT - RIGHT:g}" '
+            f'<rect class="band" x="{LEFT:g}" y="{top:.1f}" width="{width - LEFT - RIGHT:g}" '
             f'height="{bottom - top:.1f}"/>'
         )
     for value in y.ticks(4):
         at = y(value)
-        parts.append(f'<path class="grid" d="M{LEFT:g} {at:.1f}H{WIDTH - RIGHT:g}"/>')
+        parts.append(f'<path class="grid" d="M{LEFT:g} {at:.1f}H{width - RIGHT:g}"/>')
         parts.append(f'<text class="tick y" x="{LEFT - 6:g}" y="{at + 3.5:.1f}">{value:.4g}</text>')
     for value in x.ticks(8) if x_label else ():
         parts.append(f'<text class="tick x" x="{x(value):.1f}" y="{height - below + 14:.1f}">{value:.4g}</text>')
     if x_label:
-        parts.append(f'<text class="axis x" x="{WIDTH - RIGHT:g}" y="{height - 5:.1f}">{escape(x_label)}</text>')
+        parts.append(f'<text class="axis x" x="{width - RIGHT:g}" y="{height - 5:.1f}">{escape(x_label)}</text>')
     parts += [f'<path class="curve {line.look}" d="{_path(line, x, y)}"/>' for line in lines]
     return (
-        f'<svg class="chart" viewBox="0 0 {WIDTH:g} {height:g}" aria-hidden="true" focusable="false">'
+        f'<svg class="chart" viewBox="0 0 {width:g} {height:g}" aria-hidden="true" focusable="false">'
         f"{''.join(parts)}</svg>"
     )
 
@@ -177,3 +181,38 @@ def thinned(values: np.ndarray, bins: int) -> np.ndarray:
         pair = (int(known[np.argmin(values[known])]), int(known[np.argmax(values[known])]))
         rows += sorted(set(pair))
     return np.array(sorted({0, *rows, values.size - 1}))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HorizonChart:
+    """The error of an output by how far ahead it is predicted: drawn, and as rows of numbers."""
+
+    run: str
+    role: str
+    output: str
+    unit: str
+    labels: tuple[str, ...]
+    rows: tuple[tuple[float | None, ...], ...]
+    svg: str
+
+
+def horizon_chart(entry: dict[str, Any]) -> HorizonChart:
+    """Draw the stored errors over horizons of an output of a run."""
+    factor, unit = for_people(entry["unit"])
+    moments = tuple(entry["errors"])
+    errors = {moment: [None if x is None else factor * x for x in values] for moment, values in entry["errors"].items()}
+    seconds = np.array(entry["seconds"])
+    looks = dict(zip(moments, ("before", "after") if len(moments) > 1 else ("after",), strict=True))
+    lines = [Line(seconds, np.array(values, dtype=float), looks[moment]) for moment, values in errors.items()]
+    if noise := entry["noise_sd"]:
+        lines.append(Line(seconds[[0, -1]], np.full(2, factor * noise), "noise"))
+    svg = panel(lines, f"error [{unit}]", 250.0, width=480.0, x_label="ahead [s]", is_log=True)
+    return HorizonChart(
+        entry["run"],
+        entry["role"],
+        entry["output"],
+        unit,
+        moments if len(moments) > 1 else ("error",),
+        tuple(zip(entry["seconds"], *errors.values(), strict=True)),
+        svg,
+    )

@@ -145,7 +145,9 @@ def number(value: float | None, digits: int = 3) -> str:
     """Write a number with so many digits; a dash where there is none."""
     if value is None or not math.isfinite(value):
         return "–"
-    if abs(value) >= 10**digits and abs(value) < 1e7:
+    if 10**digits <= abs(value) < 10_000:
+        return f"{value:.0f}"
+    if 10**digits <= abs(value) < 1e7:
         return f"{value:,.0f}".replace(",", "\u202f")
     return f"{value:.{digits}g}"
 
@@ -350,7 +352,9 @@ def _rival(result: Json) -> tuple[str, str] | None:
     best = max(fitted, key=lambda c: c["score"])
     gap = (steps[-1]["evidence"].get("gain") or 0.0) - best["score"]
     name = f"{effect_name(best['effect']).removeprefix('a ')} at {best['at']}"
-    return "Next best", f"{name}, {number(abs(gap))} {'behind' if gap >= 0 else 'ahead, refused: ' + best['why_not']}"
+    what = "of BIC" if result.get("regime") == "noise" else "% of the cost"
+    why = best["why_not"].replace("`", "")
+    return "Next best", f"{name}, {number(abs(gap))} {what} {'behind' if gap >= 0 else f'ahead, but {why}'}"
 
 
 def ledger_lines(result: Json) -> list[str]:

@@ -21,6 +21,7 @@ from cartpend_dae.discover.records import Search
 from cartpend_dae.errors import StudyError
 from cartpend_dae.experiment_design import Ranking
 from cartpend_dae.identify import Fit
+from cartpend_dae.report.ahead import ahead_of_discovery, ahead_of_fit
 from cartpend_dae.report.model_plus import model_plus_source
 from cartpend_dae.report.page import write_page
 from cartpend_dae.report.result import Identification, design_result, discovery_result, identification_result, plain
@@ -86,6 +87,7 @@ def write_discovery(folder: Path, opened: Opened, discovery: Discovery, seconds:
         (partial / "model_plus.py").write_text(model_plus_source(opened, discovery), "utf-8")
         after = discovery.after if search.steps else None
         result["files"] = {"runs": _runs(partial, discovery.before, after)}
+        result["horizons"] = plain(ahead_of_discovery(discovery))
         _json(partial / "result.json", result)
         _parameters(partial / "parameters.csv", opened, {"before": search.baseline, "after": search.final})
         _candidates(partial / "candidates.csv", search)
@@ -100,6 +102,7 @@ def write_identification(folder: Path, opened: Opened, found: Identification, se
     result = identification_result(opened, found, seconds)
     with complete(folder) as partial:
         result["files"] = {"runs": _runs(partial, found.errors, None, found.bands)}
+        result["horizons"] = plain(ahead_of_fit(opened.setup, found.fit))
         _json(partial / "result.json", result)
         _parameters(partial / "parameters.csv", opened, {"fit": found.fit})
         write_page(partial)

@@ -11,7 +11,7 @@ from typing import Any
 
 from cartpend_dae.errors import StudyError
 from cartpend_dae.report import facts
-from cartpend_dae.report.charts import paper_charts, run_data
+from cartpend_dae.report.charts import horizon_chart, paper_charts, run_data
 from cartpend_dae.report.diagram import read_diagram
 from cartpend_dae.report.drawing import Drawing, Mark, draw
 from cartpend_dae.report.stored import Stored, read_stored
@@ -85,7 +85,7 @@ def _context(stored: Stored) -> dict[str, Any]:
         "first": facts.deciding(scores or errors),
         "drawings": _drawings(result),
         "runs": [(run, [(series, paper_charts(run, series)) for series in run.series]) for run in stored.runs],
-        "horizons": [],
+        "horizons": [horizon_chart(entry) for entry in result.get("horizons", ())],
         "rates": [],
         "data": {"runs": [run_data(run) for run in stored.runs]},
     }

@@ -124,7 +124,7 @@
   const chart = (holder, time, series, height, options) => {
     const data = [time, ...series.map((s) => s.values)];
     const plot = new uPlot({
-      width: holder.clientWidth, height, pxAlign: 0,
+      width: holder.clientWidth, height, pxAlign: 0, padding: [10, 14, 0, 0],
       legend: { show: false },
       cursor: { sync: { key: "run", setSeries: false }, drag: { x: true, y: false, uni: 10, setScale: false }, points: { size: 7 }, y: false },
       scales: { x: { time: false, range: () => view }, y: { range: (u, low, high) => {
@@ -134,8 +134,8 @@
         return [a - pad, b + pad];
       } } },
       axes: [
-        axis({ show: options.last, size: 30, values: (u, ticks) => ticks.map((t, i) => (i === ticks.length - 1 ? `${digits(t)} s` : digits(t))) }),
-        axis({ size: 62, space: 26, values: (u, ticks) => ticks.map(digits) }),
+        axis({ size: options.last ? 30 : 4, space: 70, values: (u, ticks) => ticks.map((t, i) => (!options.last ? "" : i === ticks.length - 1 ? `${digits(t)} s` : digits(t))) }),
+        axis({ size: 62, space: height > 150 ? 34 : 20, values: (u, ticks) => ticks.map(digits) }),
       ],
       series: [{}, ...series.map((s) => ({
         label: s.label, stroke: color(s.color), width: s.width, dash: s.dash, show: !hidden.has(s.look), points: { show: s.points },
