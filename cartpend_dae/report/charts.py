@@ -151,7 +151,8 @@ def _range(arrays: Sequence[np.ndarray], margin: float, is_log: bool) -> tuple[f
     known = known[np.isfinite(known) & ((known > 0) | (not is_log))]
     low, high = (float(known.min()), float(known.max())) if known.size else (1.0, 2.0)
     if is_log:
-        return low / 1.15, high * 1.15
+        margin = max(1.15, math.sqrt(10 * low / high))  # a decade at least, so that what is level looks level
+        return low / margin, high * margin
     span = (high - low) or max(abs(high), 1.0)
     return low - margin * span, high + margin * span
 
@@ -204,7 +205,8 @@ def horizon_chart(entry: dict[str, Any]) -> HorizonChart:
     seconds = np.array(entry["seconds"])
     looks = dict(zip(moments, ("before", "after") if len(moments) > 1 else ("after",), strict=True))
     lines = [Line(seconds, np.array(values, dtype=float), looks[moment]) for moment, values in errors.items()]
-    if noise := entry["noise_sd"]:
+    least = min((x for values in errors.values() for x in values if x), default=math.inf)
+    if (noise := entry["noise_sd"] or 0.0) > 0 and factor * noise > 0.01 * least:
         lines.append(Line(seconds[[0, -1]], np.full(2, factor * noise), "noise"))
     svg = panel(lines, f"error [{unit}]", 250.0, width=480.0, x_label="ahead [s]", is_log=True)
     return HorizonChart(

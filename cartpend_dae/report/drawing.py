@@ -10,7 +10,7 @@ from cartpend_dae.report.layout import layered
 HEIGHT = 46.0
 CHARACTER = 7.6
 """Width of a character of a box's title, about [px]."""
-BETWEEN = 30.0
+BETWEEN = 21.0
 """Distance of a box from the joint on the next layer."""
 GAP = 18.0
 NOTE = 17.0
@@ -73,7 +73,13 @@ def draw(diagram: Diagram, marks: Sequence[Mark], *, upright: bool) -> Drawing:
     depths = _depths(placed, [box.height if upright else box.width for box in boxes])
     points = [(across, depths[layer]) if upright else (depths[layer], across) for layer, across in placed]
     boxes = [replace(box, x=x, y=y) for box, (x, y) in zip(boxes, points[:n], strict=True)]
-    lines = [_line(boxes[part], points[n + k], upright) for k, joint in enumerate(diagram.joints) for part, _ in joint]
+    lines = []
+    for k, joint in enumerate(diagram.joints):
+        ends = sorted((placed[part][0], part) for part, _ in joint)
+        if len(ends) == 2 and ends[0][0] != ends[1][0]:
+            lines.append(_between(boxes[ends[0][1]], boxes[ends[1][1]], upright))
+        else:
+            lines += [_line(boxes[part], points[n + k], upright) for _, part in ends]
     dots = [points[n + k] for k, joint in enumerate(diagram.joints) if len(joint) > 2]
     width = max((box.x + box.width / 2 for box in boxes), default=0.0)
     height = max((box.y + box.height / 2 for box in boxes), default=0.0)
@@ -109,6 +115,18 @@ def _depths(placed: Sequence[tuple[int, float]], extents: Sequence[float]) -> li
         middles.append(reach + extent / 2)
         reach += extent + BETWEEN
     return middles
+
+
+def _between(a: _Box, b: _Box, upright: bool) -> str:
+    if upright:
+        begin, end = a.y + a.height / 2, b.y - b.height / 2
+        middle = (begin + end) / 2
+        path = f"M{a.x:.1f} {begin:.1f}C{a.x:.1f} {middle:.1f} {b.x:.1f} {middle:.1f} {b.x:.1f} {end:.1f}"
+    else:
+        begin, end = a.x + a.width / 2, b.x - b.width / 2
+        middle = (begin + end) / 2
+        path = f"M{begin:.1f} {a.y:.1f}C{middle:.1f} {a.y:.1f} {middle:.1f} {b.y:.1f} {end:.1f} {b.y:.1f}"
+    return f'<path class="line" d="{path}"/>'
 
 
 def _line(box: _Box, joint: tuple[float, float], upright: bool) -> str:

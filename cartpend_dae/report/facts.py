@@ -5,6 +5,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from scipy.stats import beta
+
 from cartpend_dae.report.text import effect_name, for_people, uncertain, with_unit
 
 Json = dict[str, Any]
@@ -104,7 +106,8 @@ def error_rows(result: Json) -> list[ErrorRow]:
         for name, error in head["outputs"].items():
             last = after["experiments"][run]["outputs"][name]
             factor, unit = for_people(error["unit"])
-            noise = error.get("noise_sd")
+            more, unit = prefixed(unit, factor * error["rmse"])
+            factor, noise = factor * more, error.get("noise_sd")
             rows.append(
                 ErrorRow(
                     run,
@@ -145,11 +148,30 @@ def number(value: float | None, digits: int = 3) -> str:
     """Write a number with so many digits; a dash where there is none."""
     if value is None or not math.isfinite(value):
         return "–"
-    if 10**digits <= abs(value) < 10_000:
-        return f"{value:.0f}"
     if 10**digits <= abs(value) < 1e7:
-        return f"{value:,.0f}".replace(",", "\u202f")
-    return f"{value:.{digits}g}"
+        text = f"{value:,.0f}".replace(",", "\u202f") if abs(value) >= 10_000 else f"{value:.0f}"
+    else:
+        text = f"{value:.{digits}g}"
+    mantissa, _, exponent = text.replace("-", "−").partition("e")
+    return f"{mantissa}·10{_raised(exponent)}" if exponent else mantissa
+
+
+def _raised(exponent: str) -> str:
+    """Write an exponent such as −05 above the line."""
+    sign = "⁻" if exponent.startswith("−") else ""
+    return sign + exponent.lstrip("+−0").translate(str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+PREFIXES = ((1e3, "m"), (1e6, "µ"), (1e9, "n"))
+PLAIN = ("1", "%", "deg", "rad", "kg", "g", "K")
+
+
+def prefixed(unit: str, largest: float) -> tuple[float, str]:
+    """Return the factor and the unit with a prefix that make a small number easy to read."""
+    if unit.startswith(PLAIN) or not 0 < largest < 0.01:
+        return 1.0, unit
+    factor, prefix = next((pair for pair in PREFIXES if largest * pair[0] >= 0.1), PREFIXES[-1])
+    return factor, prefix + unit
 
 
 def percent(value: float | None) -> str:
@@ -355,6 +377,35 @@ def _rival(result: Json) -> tuple[str, str] | None:
     what = "of BIC" if result.get("regime") == "noise" else "% of the cost"
     why = best["why_not"].replace("`", "")
     return "Next best", f"{name}, {number(abs(gap))} {what} {'behind' if gap >= 0 else f'ahead, but {why}'}"
+
+
+def estimates(result: Json) -> list[tuple[str, str]]:
+    """Return the estimated parameters of the last model with their values."""
+    entries = result["final"]["parameters"].items()
+    return [
+        (
+            name,
+            with_unit(uncertain(e["value"], e["sd"]), e["unit"])
+            + (f" ({why})" if (why := STATUS[e["status"]]) else ""),
+        )
+        for name, e in entries
+        if e["status"] != "fixed"
+    ]
+
+
+def rate_bars(result: Json) -> list[Bar]:
+    """Return how often the search was wrong, and right, on data made from its outcome."""
+    bars = []
+    for rate in result.get("rates", ()):
+        n, hits, removed = rate["n"], rate["hits"], rate["removed"]
+        if not n:
+            continue
+        low = beta.ppf(0.025, hits, n - hits + 1) if hits else 0.0
+        high = beta.ppf(0.975, hits + 1, n - hits) if hits < n else 1.0
+        label = "Placebo: added where nothing is missing" if removed is None else f"Power: {removed} found again"
+        note = f"95 %: {number(100 * low, 2)} to {number(100 * high, 2)} %"
+        bars.append(Bar(label, f"{hits} of {n}", 100 * hits / n, removed is not None, note))
+    return bars
 
 
 def ledger_lines(result: Json) -> list[str]:

@@ -17,7 +17,7 @@ from cartpend_dae.report.drawing import Drawing, Mark, draw
 from cartpend_dae.report.stored import Stored, read_stored
 from cartpend_dae.report.text import effect_name
 
-ROOM, LARGEST = (440.0, 470.0), 1.3
+ROOM, LARGEST = (400.0, 560.0), 1.3
 """Width and height for the drawing beside the verdict [px], and the largest factor by which it is magnified."""
 PHONE = 320.0
 
@@ -86,7 +86,7 @@ def _context(stored: Stored) -> dict[str, Any]:
         "drawings": _drawings(result),
         "runs": [(run, [(series, paper_charts(run, series)) for series in run.series]) for run in stored.runs],
         "horizons": [horizon_chart(entry) for entry in result.get("horizons", ())],
-        "rates": [],
+        "rates": facts.rate_bars(result),
         "data": {"runs": [run_data(run) for run in stored.runs]},
     }
 

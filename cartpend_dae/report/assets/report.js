@@ -220,7 +220,7 @@
         return { label: c.label.replace("model ", ""), values: c.values, color: `${look}-line`, look, width: 1.5, dash: look === "before" ? [7, 4] : undefined, points: false };
       });
       const sure = output.sd ? [-1, 1].map((sign) => ({
-        values: Float32Array.from(output.sd, (sd, k) => output.curves[last].values[k] + sign * 1.96 * sd),
+        values: gaps(Float32Array.from(output.sd, (sd, k) => output.curves[last].values[k] + sign * 1.96 * sd)),
         color: "band", look: "after", width: 0, points: false, upperOf: sign === 1,
       })) : [];
       const measured = { label: "measured", values: output.measured, color: "measured", look: "measured", width: many ? 4 : 0, points: !many };
