@@ -1,15 +1,11 @@
 """What a report says of a stored result: sentences, and rows of tables with the places of their marks in percent."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from scipy.stats import beta
-
+from cartpend_dae.report.numbers import listed, number, prefixed
 from cartpend_dae.report.text import effect_name, for_people, uncertain, with_unit
-
-Json = dict[str, Any]
 
 VERDICTS: dict[str | None, str] = {
     "explained": "explained",
@@ -77,9 +73,23 @@ def headline(result: Json) -> list[Words]:
     if result["verdict"] == "unexplained":
         return [Words(f"{model} does not explain its data, and no effect of the catalogue could be accepted.")]
     if result["command"] == "identify":
-        is_open = result["gate"]["final"]["is_more_than_noise"]
-        return [Words(f"{model} is calibrated, {'but does not explain' if is_open else 'and explains'} its data.")]
+        if result["gate"]["final"]["is_more_than_noise"]:
+            return [Words(f"{model} is calibrated, but does not explain its data.")]
+        if undetermined(result):
+            return [Words(f"{model} explains its data, but these do not determine all of its parameters.")]
+        return [Words(f"{model} is calibrated, and explains its data.")]
     return [Words(result["message"])]
+
+
+def is_good(result: Json) -> bool:
+    """Tell whether nothing is left open: no structure in the residuals, and every estimate determined."""
+    return not result["gate"]["final"]["is_more_than_noise"] and not undetermined(result)
+
+
+def undetermined(result: Json) -> list[str]:
+    """Return the estimates of the last model that the data do not determine."""
+    entries = result["final"]["parameters"].items()
+    return [name for name, entry in entries if entry["status"] == "unidentifiable"]
 
 
 def summary(result: Json) -> list[str]:
@@ -92,6 +102,8 @@ def summary(result: Json) -> list[str]:
     if result["command"] == "discover" and not result["steps"]:
         return [*found, result["message"]]
     found.append(f"The {kind} that are left are {left}: z = {number(z)}, where {limit:g} is the limit.")
+    if names := undetermined(result):
+        found.append(f"These runs do not determine {listed(names)}: other values explain them as well.")
     if result["command"] == "identify" and gate["final"]["is_more_than_noise"]:
         found.append("`cartpend discover` looks for what the model lacks.")
     return found
@@ -142,41 +154,6 @@ def deciding(rows: Sequence[ErrorRow]) -> list[ErrorRow]:
         if found := [row for row in rows if row.role == role]:
             return found
     return list(rows)
-
-
-def number(value: float | None, digits: int = 3) -> str:
-    """Write a number with so many digits; a dash where there is none."""
-    if value is None or not math.isfinite(value):
-        return "–"
-    if 10**digits <= abs(value) < 1e7:
-        text = f"{value:,.0f}".replace(",", "\u202f") if abs(value) >= 10_000 else f"{value:.0f}"
-    else:
-        text = f"{value:.{digits}g}"
-    mantissa, _, exponent = text.replace("-", "−").partition("e")
-    return f"{mantissa}·10{_raised(exponent)}" if exponent else mantissa
-
-
-def _raised(exponent: str) -> str:
-    """Write an exponent such as −05 above the line."""
-    sign = "⁻" if exponent.startswith("−") else ""
-    return sign + exponent.lstrip("+−0").translate(str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹"))
-
-
-PREFIXES = ((1e3, "m"), (1e6, "µ"), (1e9, "n"))
-PLAIN = ("1", "%", "deg", "rad", "kg", "g", "K")
-
-
-def prefixed(unit: str, largest: float) -> tuple[float, str]:
-    """Return the factor and the unit with a prefix that make a small number easy to read."""
-    if unit.startswith(PLAIN) or not 0 < largest < 0.01:
-        return 1.0, unit
-    factor, prefix = next((pair for pair in PREFIXES if largest * pair[0] >= 0.1), PREFIXES[-1])
-    return factor, prefix + unit
-
-
-def percent(value: float | None) -> str:
-    """Write a share as percent."""
-    return "–" if value is None else f"{number(100 * value)} %"
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,130 +232,6 @@ def _moved(before: Json | None, after: Json) -> str:
     return f"{text.replace('-', '−')}, {abs(change) / sd:.2g} sd" if sd > 0 else text.replace("-", "−")
 
 
-def effect(step: Json) -> str:
-    """Name an addition and its place."""
-    return f"{effect_name(step['effect']).removeprefix('a ')} at {step['at']}"
-
-
-def gain_label(result: Json) -> str:
-    """Say what the score of a candidate is."""
-    return "drop of BIC" if result.get("regime") == "noise" else "% of the cost explained"
-
-
-def gain_text(result: Json, gain: float) -> str:
-    """Say what a gain means."""
-    if result.get("regime") == "noise":
-        return f"the Bayesian information criterion falls by {number(gain, 4)}"
-    return f"it explains {number(gain)} % of the cross-validated cost"
-
-
-@dataclass(frozen=True, slots=True)
-class Bar:
-    """A value with the length of its bar [%]."""
-
-    label: str
-    text: str
-    length: float
-    is_accepted: bool = False
-    note: str = ""
-
-
-def place_bars(result: Json) -> list[Bar]:
-    """Return the evidence of each place, the accepted ones marked."""
-    accepted = {step["at"] for step in result["steps"]}
-    tried: dict[str, list[Json]] = {}
-    for candidate in result["candidates"]:
-        tried.setdefault(candidate["at"], []).append(candidate)
-    top = max([place["evidence"] for place in result["places"]] + [1e-300])
-    bars = []
-    for place in result["places"]:
-        at, evidence = place["at"], place["evidence"]
-        fitted = [c for c in tried.get(at, ()) if c.get("was_fitted")]
-        text = number(evidence, 4) if fitted else "none fitted"
-        note = f"{len(tried.get(at, ()))} looked at, {len(fitted)} fitted"
-        bars.append(Bar(at, text, max(0.0, 100 * evidence / top), at in accepted, note))
-    return bars
-
-
-@dataclass(frozen=True, slots=True)
-class CandidateRow:
-    """A candidate of the table."""
-
-    effect: str
-    at: str
-    gain: str
-    predicted: str
-    why_not: str
-    parameters: str
-    length: float
-    is_fitted: bool
-
-
-def candidate_rows(result: Json) -> list[CandidateRow]:
-    """Return what was tried."""
-    top = max([c["score"] for c in result["candidates"] if c.get("was_fitted")] + [1e-300])
-    return [
-        CandidateRow(
-            effect=effect_name(c["effect"]).removeprefix("a "),
-            at=c["at"],
-            gain=number(c["score"], 4) if c.get("was_fitted") else "–",
-            predicted=number(c.get("predicted")),
-            why_not=c["why_not"],
-            parameters=", ".join(
-                f"{name.rpartition('.')[2]} = {number(value)}" for name, value in c.get("parameters", {}).items()
-            ),
-            length=max(0.0, 100 * c["score"] / top) if c.get("was_fitted") else 0.0,
-            is_fitted=bool(c.get("was_fitted")),
-        )
-        for c in result["candidates"]
-    ]
-
-
-def alias_bars(result: Json, step: Json) -> list[Bar]:
-    """Return what the runs cannot tell from an addition, with how much of its gain each reaches."""
-    gains = {f"{c['effect']} at {c['at']}": c["score"] for c in result["candidates"] if c.get("was_fitted")}
-    own = gains.get(f"{step['effect']} at {step['at']}") or step["evidence"].get("gain") or 0.0
-    bars = []
-    for alias in step["aliases"]:
-        effect, _, at = alias.partition(" at ")
-        label = f"{effect_name(effect).removeprefix('a ')} at {at}" if at else alias
-        share = gains[alias] / own if alias in gains and own > 0 else None
-        text = "moves the data alike" if share is None else f"{percent(share)} of the gain"
-        bars.append(Bar(label, text, 0.0 if share is None else max(0.0, min(100.0, 100 * share))))
-    return bars
-
-
-def confidence(result: Json) -> list[tuple[str, str]]:
-    """Return what the verdict rests on, as pairs of a question and its answer."""
-    found = []
-    for step in result["steps"]:
-        name, evidence = effect_name(step["effect"]).removeprefix("a "), step["evidence"]
-        if evidence.get("gain") is not None:
-            found.append((f"Evidence for {name}", gain_text(result, evidence["gain"])))
-        sizes = (
-            f"{parameter.rpartition('.')[2]} = {with_unit(uncertain(e['value'], e['sd']), e['unit'])}"
-            for parameter, e in step["parameters"].items()
-        )
-        found.append((f"Size of {name}", ", ".join(sizes)))
-    if rival := _rival(result):
-        found.append(rival)
-    return found
-
-
-def _rival(result: Json) -> tuple[str, str] | None:
-    """Say how far the best candidate that was not taken is behind."""
-    steps = result["steps"]
-    fitted = [c for c in result["candidates"] if c.get("was_fitted") and c["why_not"]]
-    if not steps or not fitted:
-        return None
-    best = max(fitted, key=lambda c: c["score"])
-    gap = (steps[-1]["evidence"].get("gain") or 0.0) - best["score"]
-    name = f"{effect_name(best['effect']).removeprefix('a ')} at {best['at']}"
-    what = "of BIC" if result.get("regime") == "noise" else "% of the cost"
-    why = best["why_not"].replace("`", "")
-    return "Next best", f"{name}, {number(abs(gap))} {what} {'behind' if gap >= 0 else f'ahead, but {why}'}"
-
-
 def estimates(result: Json) -> list[tuple[str, str]]:
     """Return the estimated parameters of the last model with their values."""
     entries = result["final"]["parameters"].items()
@@ -391,53 +244,3 @@ def estimates(result: Json) -> list[tuple[str, str]]:
         for name, e in entries
         if e["status"] != "fixed"
     ]
-
-
-def rate_bars(result: Json) -> list[Bar]:
-    """Return how often the search was wrong, and right, on data made from its outcome."""
-    bars = []
-    for rate in result.get("rates", ()):
-        n, hits, removed = rate["n"], rate["hits"], rate["removed"]
-        if not n:
-            continue
-        low = beta.ppf(0.025, hits, n - hits + 1) if hits else 0.0
-        high = beta.ppf(0.975, hits + 1, n - hits) if hits < n else 1.0
-        label = "Placebo: added where nothing is missing" if removed is None else f"Power: {removed} found again"
-        note = f"95 %: {number(100 * low, 2)} to {number(100 * high, 2)} %"
-        bars.append(Bar(label, f"{hits} of {n}", 100 * hits / n, removed is not None, note))
-    return bars
-
-
-def ledger_lines(result: Json) -> list[str]:
-    """Return what was done, in its order."""
-    candidates = result["candidates"]
-    fitted = sum(bool(c.get("was_fitted")) for c in candidates)
-    runs = result["baseline"]["experiments"]
-    by_role = {role: [name for name, head in runs.items() if head["role"] == role] for role in ROLES}
-    gate = result["gate"]
-    found = [
-        f"The model as it was is fitted on {listed(by_role['train'])}; structure left: z = "
-        f"{number(gate['baseline']['largest'])} (limit {gate['limit']:g})."
-    ]
-    if candidates:
-        found.append(f"{len(candidates)} candidates are looked at, {fitted} of them fitted.")
-    for step in result["steps"]:
-        left = step["evidence"].get("largest_z_left")
-        found.append(f"{_capital(effect(step))} is added; z = {number(left)} is left.")
-    if by_role["select"]:
-        found.append(f"{listed(by_role['select'])} chose between candidates.")
-    if by_role["test"]:
-        found.append(f"{listed(by_role['test'])} was opened once, at the end, for the errors on this page.")
-    else:
-        found.append("There is no test run: the errors are those of runs that the fit knew.")
-    return found
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
-
-
-def listed(names: Iterable[str]) -> str:
-    """Join names by commas and an `and`."""
-    every = list(names)
-    return every[0] if len(every) == 1 else f"{', '.join(every[:-1])} and {every[-1]}" if every else "no run"

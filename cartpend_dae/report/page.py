@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cartpend_dae.errors import StudyError
-from cartpend_dae.report import facts
+from cartpend_dae.report import facts, findings, numbers
 from cartpend_dae.report.charts import horizon_chart, paper_charts, run_data
 from cartpend_dae.report.diagram import read_diagram
 from cartpend_dae.report.drawing import Drawing, Mark, draw
@@ -61,7 +61,7 @@ def _template() -> Any:  # noqa: ANN401 - jinja2 is imported when a page is made
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(asset), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
     )
-    environment.globals |= {"number": facts.number, "percent": facts.percent}
+    environment.globals |= {"number": numbers.number, "percent": numbers.percent}
     return environment.get_template("report.html.jinja")
 
 
@@ -77,6 +77,7 @@ def _context(stored: Stored) -> dict[str, Any]:
     return {
         "result": result,
         "facts": facts,
+        "findings": findings,
         "style": asset("uplot/uPlot.min.css") + asset("report.css"),
         "script": script,
         "script_digest": base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii"),
@@ -86,7 +87,7 @@ def _context(stored: Stored) -> dict[str, Any]:
         "drawings": _drawings(result),
         "runs": [(run, [(series, paper_charts(run, series)) for series in run.series]) for run in stored.runs],
         "horizons": [horizon_chart(entry) for entry in result.get("horizons", ())],
-        "rates": facts.rate_bars(result),
+        "rates": findings.rate_bars(result),
         "data": {"runs": [run_data(run) for run in stored.runs]},
     }
 
