@@ -3,9 +3,12 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from cartpend_dae.report.numbers import listed, number, prefixed
 from cartpend_dae.report.text import effect_name, for_people, uncertain, with_unit
+
+Json = dict[str, Any]
 
 VERDICTS: dict[str | None, str] = {
     "explained": "explained",

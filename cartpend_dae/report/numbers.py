@@ -40,6 +40,7 @@ def percent(value: float | None) -> str:
 
 
 def capital(text: str) -> str:
+    """Begin a sentence."""
     return text[:1].upper() + text[1:]
 
 
