@@ -27,7 +27,9 @@ from cartpend_dae.report.files import (
     write_identification,
     write_simulation,
 )
-from cartpend_dae.report.result import further, identification_of, package_version
+from cartpend_dae.report.ledger import package_version
+from cartpend_dae.report.page import write_page
+from cartpend_dae.report.result import further, identification_of
 from cartpend_dae.report.text import (
     alias_sentence,
     describe_model,
@@ -273,6 +275,15 @@ def design(study: StudyFile, out: Out = None, jobs: Jobs = 1) -> None:
 def discover(study: StudyFile, out: Out = None, jobs: Jobs = 1) -> None:
     """Find which physical effect the model of a study lacks, add it, refit, and show the error before and after."""
     _discover(study, out or Path(f"{study.stem}-results"), jobs)
+
+
+@app.command()
+@spoken
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="What `identify` or `discover` has written.")],
+) -> None:
+    """Write the report of a result again, from what stands in its folder."""
+    say(console_of_results(), f"Written: {write_page(folder)}")
 
 
 @app.command()

@@ -80,6 +80,7 @@ def test_demo_writes_every_file():
     names = {path.name for path in demo_run().results.iterdir()}
     runs = {f"{run}.{kind}" for run in ("release1", "release2", "release3") for kind in ("csv", "png")}
     rest = {"result.json", "model_plus.py", "parameters.csv", "candidates.csv", "candidates.png", "residuals.png"}
+    rest |= {"report.html"}
     assert names == runs | rest
 
 

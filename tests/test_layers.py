@@ -75,7 +75,7 @@ LAYERS = """
     identify
     starting likelihood bootstrap bands excitation
     experiment_design
-    assess
+    assess horizons
     effects
     discover
     multistart
@@ -93,7 +93,7 @@ LAYERS = """
 A folder is one layer, but for the files of it that have a line of their own.
 """
 
-HEAVY = {"fmpy", "h5py", "matplotlib", "pandas", "pyarrow"}
+HEAVY = {"fmpy", "h5py", "jinja2", "matplotlib", "pandas", "pyarrow", "xarray"}
 """Optional or slow to import: only these may be imported inside a function."""
 
 LAYER_OF = {module: level for level, line in enumerate(LAYERS.split("\n")) for module in line.split()}

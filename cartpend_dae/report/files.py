@@ -21,13 +21,15 @@ from cartpend_dae.discover.records import Search
 from cartpend_dae.errors import StudyError
 from cartpend_dae.experiment_design import Ranking
 from cartpend_dae.identify import Fit
+from cartpend_dae.report.ahead import ahead_of_discovery, ahead_of_fit
 from cartpend_dae.report.model_plus import model_plus_source
+from cartpend_dae.report.page import write_page
 from cartpend_dae.report.result import Identification, design_result, discovery_result, identification_result, plain
 from cartpend_dae.report.text import all_candidates
 from cartpend_dae.session import Opened
 from cartpend_dae.system import System
 
-TAKEN = ("parameters", "candidates", "residuals", "result", "model_plus")
+TAKEN = ("parameters", "candidates", "residuals", "result", "model_plus", "report")
 
 
 def check_folder(folder: Path) -> None:
@@ -82,14 +84,16 @@ def write_discovery(folder: Path, opened: Opened, discovery: Discovery, seconds:
     search = discovery.search
     result = discovery_result(opened, discovery, seconds)
     with complete(folder) as partial:
-        _json(partial / "result.json", result)
         (partial / "model_plus.py").write_text(model_plus_source(opened, discovery), "utf-8")
         after = discovery.after if search.steps else None
-        _runs(partial, discovery.before, after)
+        result["files"] = {"runs": _runs(partial, discovery.before, after)}
+        result["horizons"] = plain(ahead_of_discovery(discovery))
+        _json(partial / "result.json", result)
         _parameters(partial / "parameters.csv", opened, {"before": search.baseline, "after": search.final})
         _candidates(partial / "candidates.csv", search)
         if search.candidates:
             _figure(partial / "candidates.png", plots.candidate_figure(search))
+        write_page(partial)
     return result
 
 
@@ -97,9 +101,11 @@ def write_identification(folder: Path, opened: Opened, found: Identification, se
     """Write all results of `identify` to a folder, and return what stands in `result.json`."""
     result = identification_result(opened, found, seconds)
     with complete(folder) as partial:
+        result["files"] = {"runs": _runs(partial, found.errors, None, found.bands)}
+        result["horizons"] = plain(ahead_of_fit(opened.setup, found.fit))
         _json(partial / "result.json", result)
-        _runs(partial, found.errors, None, found.bands)
         _parameters(partial / "parameters.csv", opened, {"fit": found.fit})
+        write_page(partial)
     return result
 
 
@@ -128,15 +134,18 @@ def _figure(path: Path, figure: Figure) -> None:
 
 def _runs(
     folder: Path, before: Assessment, after: Assessment | None, bands: Mapping[str, np.ndarray] | None = None
-) -> None:
-    """Write series and figure of each run, and the overview of all."""
+) -> dict[str, str]:
+    """Write series and figure of each run, and the overview of all; return the name of the table of each run."""
+    files: dict[str, str] = {}
     last = {run.name: run for run in after.runs} if after else {}
     taken: set[str] = set(TAKEN)
     for run in before.runs:
-        stem = _file_name(run.name, taken)
-        run_table(run, last.get(run.name)).to_csv(folder / f"{stem}.csv", index=False)
-        _figure(folder / f"{stem}.png", plots.run_figure(run, last.get(run.name), sd=(bands or {}).get(run.name)))
+        stem, sd = _file_name(run.name, taken), (bands or {}).get(run.name)
+        files[run.name] = f"{stem}.csv"
+        run_table(run, last.get(run.name), sd).to_csv(folder / files[run.name], index=False)
+        _figure(folder / f"{stem}.png", plots.run_figure(run, last.get(run.name), sd=sd))
     _figure(folder / "residuals.png", plots.level_figure(before, after))
+    return files
 
 
 def _file_name(run: str, taken: set[str]) -> str:
@@ -150,9 +159,14 @@ def _file_name(run: str, taken: set[str]) -> str:
     return stem
 
 
-def run_table(before: RunError, after: RunError | None) -> pd.DataFrame:
-    """Return the series of a run in SI: time, and for each output what was measured, the model and residuals."""
+def run_table(before: RunError, after: RunError | None, sd: np.ndarray | None = None) -> pd.DataFrame:
+    """Return the series of a run in SI: time, and for each output what was measured, the model and residuals.
+
+    With `sd` (n, n_outputs), also how sure the last model is.
+    """
     columns = {"time": before.time}
+    if sd is not None:
+        columns |= {f"{name}.sd": sd[:, column] for column, name in enumerate(before.outputs)}
     for column, name in enumerate(before.outputs):
         measured = before.measured[:, column]
         columns[f"{name}.measured"] = measured

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,8 @@ from cartpend_dae.experiment_design import Ranking
 from cartpend_dae.identify import Estimate, Fit
 from cartpend_dae.likelihood import Profile, profile
 from cartpend_dae.problem import Problem
+from cartpend_dae.report.diagram import diagram_json
+from cartpend_dae.report.ledger import command_line, ledger, package_version
 from cartpend_dae.report.text import all_candidates, discovery_sentence, identification_sentence
 from cartpend_dae.session import Opened
 
@@ -90,8 +91,17 @@ def identification_result(opened: Opened, found: Identification, seconds: float)
             "notes": list(found.fit.notes),
             "profiles": {item.name: _profile(item) for item in found.profiles},
             "bootstrap": None if found.bootstrap is None else _bootstrap(found.bootstrap),
+            "command_line": command_line("identify", opened, *_asked(found)),
         }
     )
+
+
+def _asked(found: Identification) -> list[str]:
+    """Return the options of the command line that asked for more than a fit."""
+    asked = [text for item in found.profiles for text in ("--profile", item.name)]
+    if (again := found.bootstrap) is None:
+        return asked
+    return [*asked, "--bootstrap", str(len(again.values) + again.failed), "--bootstrap-kind", str(again.kind)]
 
 
 def _profile(found: Profile) -> Json:
@@ -115,7 +125,7 @@ def design_result(opened: Opened, ranking: Ranking) -> Json:
         for c in (ranking.before, *ranking.candidates)
     ]
     head = _head("design", opened, 0.0)
-    del head["seconds"]
+    del head["seconds"], head["diagram"], head["ledger"]
     return plain(head | {"weak": list(ranking.weak), "before": entries[0], "candidates": entries[1:]})
 
 
@@ -136,6 +146,7 @@ def discovery_result(opened: Opened, discovery: Discovery, seconds: float) -> Js
             "bandwidth": search.bandwidth,
             "gate": {"limit": LIMIT, "baseline": _gate(search.baseline_gate), "final": _gate(search.final_gate)},
             "interrupted": search.interrupted,
+            "command_line": command_line("discover", opened),
         }
     )
 
@@ -152,6 +163,7 @@ def plain(value: Any) -> Any:  # noqa: ANN401 - any JSON
 
 
 def _head(command: str, opened: Opened, seconds: float) -> Json:
+    measured = (name for run in opened.study.experiments for name in run.outputs)
     return {
         "schema": 1,
         "command": command,
@@ -159,15 +171,9 @@ def _head(command: str, opened: Opened, seconds: float) -> Json:
         "version": package_version(),
         "study": str(opened.study.path),
         "seconds": round(seconds, 3),
+        "diagram": diagram_json(opened.system, measured),
+        "ledger": ledger(opened),
     }
-
-
-def package_version() -> str:
-    """Return the version of the installed package."""
-    try:
-        return version("cartpend-dae")
-    except PackageNotFoundError:
-        return "unknown"
 
 
 def _state(opened: Opened, fit: Fit, errors: Assessment) -> Json:

@@ -17,6 +17,7 @@ from cartpend_dae.session import Opened
 from cartpend_dae.start_report import describe_start
 from cartpend_dae.system import FlatSystem, System
 
+NAMES = {"coulomb": "Coulomb", "dahl": "Dahl", "lugre": "LuGre", "maxwell": "Maxwell", "stribeck": "Stribeck"}
 SHOWN = 60
 """Lines of a long list that are shown unless all are asked for."""
 
@@ -72,7 +73,7 @@ def all_candidates(search: Search) -> tuple[Candidate, ...]:
 
 def effect_name(effect: str) -> str:
     """Write the id of an effect as it stands in a sentence: Coulomb friction, a constant load."""
-    words = effect.replace("_", " ").replace("coulomb", "Coulomb")
+    words = " ".join(NAMES.get(word, word) for word in effect.split("_"))
     return words if words.endswith(("friction", "drag")) else f"a {words}"
 
 

@@ -1,0 +1,176 @@
+"""What a report says of a search: evidence, candidates, aliases, rates, and what was done in which order."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from scipy.stats import beta
+
+from cartpend_dae.report.facts import ROLES
+from cartpend_dae.report.numbers import capital, listed, number, percent
+from cartpend_dae.report.text import effect_name, uncertain, with_unit
+
+Json = dict[str, Any]
+
+
+def effect(step: Json) -> str:
+    """Name an addition and its place."""
+    return f"{effect_name(step['effect']).removeprefix('a ')} at {step['at']}"
+
+
+def gain_label(result: Json) -> str:
+    """Say what the score of a candidate is."""
+    return "drop of BIC" if result.get("regime") == "noise" else "% of the cost explained"
+
+
+def gain_text(result: Json, gain: float) -> str:
+    """Say what a gain means."""
+    if result.get("regime") == "noise":
+        return f"the Bayesian information criterion falls by {number(gain, 4)}"
+    return f"it explains {number(gain)} % of the cross-validated cost"
+
+
+@dataclass(frozen=True, slots=True)
+class Bar:
+    """A value with the length of its bar [%]."""
+
+    label: str
+    text: str
+    length: float
+    is_accepted: bool = False
+    note: str = ""
+
+
+def place_bars(result: Json) -> list[Bar]:
+    """Return the evidence of each place, the accepted ones marked."""
+    accepted = {step["at"] for step in result["steps"]}
+    tried: dict[str, list[Json]] = {}
+    for candidate in result["candidates"]:
+        tried.setdefault(candidate["at"], []).append(candidate)
+    top = max([place["evidence"] for place in result["places"]] + [1e-300])
+    bars = []
+    for place in result["places"]:
+        at, evidence = place["at"], place["evidence"]
+        fitted = [c for c in tried.get(at, ()) if c.get("was_fitted")]
+        text = number(evidence, 4) if fitted else "none fitted"
+        note = f"{len(tried.get(at, ()))} looked at, {len(fitted)} fitted"
+        bars.append(Bar(at, text, max(0.0, 100 * evidence / top), at in accepted, note))
+    return bars
+
+
+@dataclass(frozen=True, slots=True)
+class CandidateRow:
+    """A candidate of the table."""
+
+    effect: str
+    at: str
+    gain: str
+    predicted: str
+    why_not: str
+    parameters: str
+    length: float
+    is_fitted: bool
+
+
+def candidate_rows(result: Json) -> list[CandidateRow]:
+    """Return what was tried."""
+    top = max([c["score"] for c in result["candidates"] if c.get("was_fitted")] + [1e-300])
+    return [
+        CandidateRow(
+            effect=effect_name(c["effect"]).removeprefix("a "),
+            at=c["at"],
+            gain=number(c["score"], 4) if c.get("was_fitted") else "–",
+            predicted=number(c.get("predicted")),
+            why_not=c["why_not"],
+            parameters=", ".join(
+                f"{name.rpartition('.')[2]} = {number(value)}" for name, value in c.get("parameters", {}).items()
+            ),
+            length=max(0.0, 100 * c["score"] / top) if c.get("was_fitted") else 0.0,
+            is_fitted=bool(c.get("was_fitted")),
+        )
+        for c in result["candidates"]
+    ]
+
+
+def alias_bars(result: Json, step: Json) -> list[Bar]:
+    """Return what the runs cannot tell from an addition, with how much of its gain each reaches."""
+    gains = {f"{c['effect']} at {c['at']}": c["score"] for c in result["candidates"] if c.get("was_fitted")}
+    own = gains.get(f"{step['effect']} at {step['at']}") or step["evidence"].get("gain") or 0.0
+    bars = []
+    for alias in step["aliases"]:
+        effect, _, at = alias.partition(" at ")
+        label = f"{effect_name(effect).removeprefix('a ')} at {at}" if at else alias
+        share = gains[alias] / own if alias in gains and own > 0 else None
+        text = "moves the data alike" if share is None else f"{percent(share)} of the gain"
+        bars.append(Bar(label, text, 0.0 if share is None else max(0.0, min(100.0, 100 * share))))
+    return bars
+
+
+def confidence(result: Json) -> list[tuple[str, str]]:
+    """Return what the verdict rests on, as pairs of a question and its answer."""
+    found = []
+    for step in result["steps"]:
+        name, evidence = effect_name(step["effect"]).removeprefix("a "), step["evidence"]
+        if evidence.get("gain") is not None:
+            found.append((f"Evidence for {name}", gain_text(result, evidence["gain"])))
+        sizes = (
+            f"{parameter.rpartition('.')[2]} = {with_unit(uncertain(e['value'], e['sd']), e['unit'])}"
+            for parameter, e in step["parameters"].items()
+        )
+        found.append((f"Size of {name}", ", ".join(sizes)))
+    if rival := _rival(result):
+        found.append(rival)
+    return found
+
+
+def _rival(result: Json) -> tuple[str, str] | None:
+    """Say how far the best candidate that was not taken is behind."""
+    steps = result["steps"]
+    fitted = [c for c in result["candidates"] if c.get("was_fitted") and c["why_not"]]
+    if not steps or not fitted:
+        return None
+    best = max(fitted, key=lambda c: c["score"])
+    gap = (steps[-1]["evidence"].get("gain") or 0.0) - best["score"]
+    name = f"{effect_name(best['effect']).removeprefix('a ')} at {best['at']}"
+    what = "of BIC" if result.get("regime") == "noise" else "% of the cost"
+    why = best["why_not"].replace("`", "")
+    return "Next best", f"{name}, {number(abs(gap))} {what} {'behind' if gap >= 0 else f'ahead, but {why}'}"
+
+
+def rate_bars(result: Json) -> list[Bar]:
+    """Return how often the search was wrong, and right, on data made from its outcome."""
+    bars = []
+    for rate in result.get("rates", ()):
+        n, hits, removed = rate["n"], rate["hits"], rate["removed"]
+        if not n:
+            continue
+        low = float(beta.ppf(0.025, hits, n - hits + 1)) if hits else 0.0
+        high = float(beta.ppf(0.975, hits + 1, n - hits)) if hits < n else 1.0
+        label = "Placebo: added where nothing is missing" if removed is None else f"Power: {removed} found again"
+        note = f"95 %: {number(100 * low, 2)} to {number(100 * high, 2)} %"
+        bars.append(Bar(label, f"{hits} of {n}", 100 * hits / n, removed is not None, note))
+    return bars
+
+
+def ledger_lines(result: Json) -> list[str]:
+    """Return what was done, in its order."""
+    candidates = result["candidates"]
+    fitted = sum(bool(c.get("was_fitted")) for c in candidates)
+    runs = result["baseline"]["experiments"]
+    by_role = {role: [name for name, head in runs.items() if head["role"] == role] for role in ROLES}
+    gate = result["gate"]
+    found = [
+        f"The model as it was is fitted on {listed(by_role['train'])}; structure left: z = "
+        f"{number(gate['baseline']['largest'])} (limit {gate['limit']:g})."
+    ]
+    if candidates:
+        found.append(f"{len(candidates)} candidates are looked at, {fitted} of them fitted.")
+    for step in result["steps"]:
+        left = step["evidence"].get("largest_z_left")
+        found.append(f"{capital(effect(step))} is added; z = {number(left)} is left.")
+    if by_role["select"]:
+        found.append(f"{listed(by_role['select'])} chose between candidates.")
+    if by_role["test"]:
+        found.append(f"{listed(by_role['test'])} was opened once, at the end, for the errors on this page.")
+    else:
+        found.append("There is no test run: the errors are those of runs that the fit knew.")
+    return found
