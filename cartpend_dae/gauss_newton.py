@@ -183,7 +183,7 @@ def _evaluated(work: _Work, values: np.ndarray, nodes: np.ndarray) -> _Point:
     carried = carried_on(problem, values, work.w)
     packed = np.vstack([carried, nodes, np.zeros((1, layout.n_segments))])
     result = np.asarray(problem.functions.value.map(layout.n_segments)(packed, work.data))[len(carried) :]
-    cost = float(result[-1].sum()) + float(np.sum(_prior(problem, values)[0] ** 2)) / 2
+    cost = float(result[-1].sum()) + float(np.sum(prior_errors(problem, values)[0] ** 2)) / 2
     return _Point(values, nodes, cost, _targets(problem, values, result[:-1]) - nodes)
 
 
@@ -194,7 +194,7 @@ def _targets(problem: Problem, values: np.ndarray, ends: np.ndarray) -> np.ndarr
     return targets
 
 
-def _prior(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def prior_errors(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the errors against what was known before, in standard deviations, and their slopes."""
     errors, slopes = np.zeros(values.size), np.zeros(values.size)
     for i, (item, value) in enumerate(zip(problem.variables, values, strict=True)):
@@ -212,7 +212,7 @@ def _step(work: _Work, point: _Point) -> _Step:
     sensitivity, gram, gradient = _linearised(work, point)
     begin = dict(zip(layout.first, start_slopes(problem, point.values), strict=True))
     eye, owners = np.eye(n_all), layout.owners[layout.runs]
-    error, prior_slope = _prior(problem, point.values)
+    error, prior_slope = prior_errors(problem, point.values)
     hessian, pull = np.diag(prior_slope**2), prior_slope * error
     slopes, shifts = np.zeros((m, n_x, n_all)), np.zeros((m, n_x))
     slope, shift = np.zeros((n_x, n_all)), np.zeros(n_x)
@@ -226,7 +226,7 @@ def _step(work: _Work, point: _Point) -> _Step:
         slope, shift = sensitivity[k] @ to_local, sensitivity[k] @ moved
     if not (np.all(np.isfinite(hessian)) and np.all(np.isfinite(pull))):
         return _Step(np.zeros_like(point.values), np.zeros_like(point.nodes), np.inf, np.zeros_like(point.nodes))
-    values = _bounded(hessian, pull, work.lower - point.values, work.upper - point.values)
+    values = bounded_step(hessian, pull, work.lower - point.values, work.upper - point.values)
     nodes = (slopes @ values + shifts).T
     local = np.concatenate([nodes.T, values[owners]], axis=1)
     slopes_of_cost = gradient + np.einsum("kij,kj->ki", gram, local)
@@ -256,7 +256,7 @@ def _linearised(work: _Work, point: _Point) -> tuple[np.ndarray, np.ndarray, np.
     )
 
 
-def _bounded(hessian: np.ndarray, pull: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+def bounded_step(hessian: np.ndarray, pull: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     """Minimise d'H d/2 + pull'd with lower <= d <= upper; directions without curvature are left alone."""
     if not pull.size:
         return pull

@@ -311,14 +311,15 @@ class ExperimentSpec:
 class IdentifySpec:
     """Options of the estimation; None leaves the choice to it.
 
-    Gauss and Newton's method takes at most `max_iterations` steps before IPOPT is tried.
-    Residuals beyond `huber` standard deviations count linearly. With several `starts` the fit begins from as many
-    points within the bounds, the guesses first.
+    Gauss and Newton's method takes at most `max_iterations` steps before IPOPT is tried. Residuals beyond `huber`
+    standard deviations count linearly. With several `starts` the fit begins from as many points within the bounds, the
+    guesses first. `exact` says whether it ends on the exact form of dry friction and other events.
     """
 
     step: Positive | None = None
     max_iterations: AtLeastOne | None = None
     huber: Positive | None = None
+    exact: Switch | None = None
     starts: AtLeastOne = 1
     seed: Count = 0
 

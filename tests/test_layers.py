@@ -70,6 +70,7 @@ LAYERS = """
     directions residual_noise gauss_newton piece_scatter
     uncertainty weak
     identify
+    exact_form
     starting likelihood bootstrap bands excitation
     experiment_design
     assess
