@@ -16,6 +16,7 @@ from scipy.optimize import lsq_linear
 
 from cartpend_dae.errors import SolverError
 from cartpend_dae.problem import Problem
+from cartpend_dae.programme import Hessian
 from cartpend_dae.shooting import carried_on, start_slopes, start_states
 
 # of the cost, half a sum of squares in standard deviations: what a step still promises at the end, and what is enough
@@ -127,7 +128,13 @@ def gauss_newton(
 
 
 def interior_point(
-    problem: Problem, values: np.ndarray, nodes: np.ndarray, w: np.ndarray, data: np.ndarray
+    problem: Problem,
+    values: np.ndarray,
+    nodes: np.ndarray,
+    w: np.ndarray,
+    data: np.ndarray,
+    *,
+    hessian: Hessian = "gauss-newton",
 ) -> Solution:
     """Minimise the cost of a problem from a point by IPOPT; arguments as of `gauss_newton`.
 
@@ -138,7 +145,8 @@ def interior_point(
     """
     lower, upper = bounds(problem)
     open_nodes = np.full(nodes.size, np.inf)
-    result = problem.programme(
+    solver = problem.programme if hessian == "gauss-newton" else problem.exact_programme
+    result = solver(
         x0=np.concatenate([values, nodes.ravel(order="F")]),
         p=np.concatenate([w, data.ravel(order="F")]),
         lbx=np.concatenate([lower, -open_nodes]),
@@ -146,7 +154,7 @@ def interior_point(
         lbg=0.0,
         ubg=0.0,
     )
-    stats = problem.programme.stats()
+    stats = solver.stats()
     solution, message = np.asarray(result["x"]).ravel(), str(stats["return_status"])
     if not np.all(np.isfinite(solution)):
         raise SolverError(f"The fit of {problem.system.name} gave no finite parameters ({message}).")

@@ -6,9 +6,11 @@ from typing import Literal
 
 import numpy as np
 
+from cartpend_dae.collocation import collocated
 from cartpend_dae.cuts import run_of
 from cartpend_dae.gauss_newton import ITERATIONS, Solution, bounds, gauss_newton, interior_point
 from cartpend_dae.problem import Problem, dominant_frequency
+from cartpend_dae.programme import Hessian
 from cartpend_dae.residual_noise import NoiseModel
 from cartpend_dae.shooting import (
     Sensitivities,
@@ -23,6 +25,7 @@ from cartpend_dae.transcribe import stack_data
 from cartpend_dae.uncertainty import Estimate, uncertainty
 
 Form = Literal["smooth", "time-stepping", "exact"]
+Method = Literal["shooting", "collocation"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +113,8 @@ def estimate(
     sd: np.ndarray | None = None,
     patient: bool = True,
     iterations: int = ITERATIONS,
+    method: Method = "shooting",
+    hessian: Hessian = "gauss-newton",
 ) -> Fit:
     """Solve the estimation problem by Gauss and Newton's method, and by IPOPT where that does not get there.
 
@@ -129,6 +134,11 @@ def estimate(
         False leaves it at Gauss and Newton's method, where another way may be tried next.
     iterations
         Largest number of its steps.
+    method
+        `collocation` solves one large programme by IPOPT instead, in which no simulation must come to its end; where
+        there is dry friction that sticks, Gauss and Newton's method goes on from there.
+    hessian
+        The `exact` one is IPOPT's as well.
 
     Raises
     ------
@@ -143,7 +153,15 @@ def estimate(
     values = np.clip(scaled_values(problem, guess or {}), lower, upper)
     follow = observer if observer is not None else max(bandwidth, dominant_frequency(problem.experiments) * 5)
     nodes = filtered_nodes(problem, values, np.full_like(w, follow), data)
-    found = gauss_newton(problem, values, nodes, w, data, iterations=iterations)
+    found = None
+    if method == "collocation":
+        _, states = run_through(problem, values, np.full_like(w, follow), data)
+        found = collocated(problem, values, states, w, data, hessian=hessian)
+        values, nodes = found.values, found.nodes
+    elif hessian == "exact":
+        found = interior_point(problem, values, nodes, w, data, hessian=hessian)
+    if found is None or problem.system.frictions.places:
+        found = gauss_newton(problem, values, nodes, w, data, iterations=iterations)
     if patient and not found.success:
         found = interior_point(problem, values, nodes, w, data)
     if not found.success:  # the segments of an unfinished solution do not join

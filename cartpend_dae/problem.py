@@ -108,6 +108,12 @@ class Problem:
         return programme(self.layout, self.variables, self.begins, self.start_places, self.functions)
 
     @cached_property
+    def exact_programme(self) -> ca.Function:
+        """The solver with the exact Hessian."""
+        layout, functions = self.layout, self.functions
+        return programme(layout, self.variables, self.begins, self.start_places, functions, hessian="exact")
+
+    @cached_property
     def prior_sd(self) -> np.ndarray:
         """Noise of each output as the raw data show it, or as the study states it; shape (n_y,)."""
         return np.array([_channel_sd(self.experiments, name) for name in self.outputs])

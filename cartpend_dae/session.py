@@ -104,6 +104,8 @@ def open_study(path: Path | str, *, needs_runs: bool = True) -> Opened:
             ties,
             study.identify.huber,
             study.identify.max_iterations,
+            study.identify.method,
+            study.identify.hessian,
         ),
         fixed=tuple(q for q in system.parameters if q.name in fixed),
         cards=cards,
