@@ -60,8 +60,9 @@ def test_the_programme_has_the_derivatives_that_it_states(problem):
     x = np.concatenate([[item.scaled(item.guess) for item in problem.variables],
                         0.1 + 0.02 * generator.standard_normal(n - len(problem.variables))])  # fmt: skip
     data = stack_data(problem.layout, problem.experiments, 1 / problem.prior_sd)
-    samples = np.concatenate([first * problem.layout.length + np.arange(k)
-                              for first, k in zip(problem.layout.first, problem.layout.run_lengths, strict=True)])  # fmt: skip
+    layout = problem.layout
+    runs = zip(layout.first, layout.run_lengths, strict=True)
+    samples = np.concatenate([first * layout.length + np.arange(k) for first, k in runs])
     w = np.full(len(problem.outputs), 3.0)
     p = np.vstack([data[:, samples], np.tile(np.append(w, 0.0)[:, None], samples.size)]).ravel(order="F")
     grad_f, jac_g, hess = (solver.get_function(f"nlp_{name}") for name in ("grad_f", "jac_g", "hess_l"))
