@@ -21,9 +21,9 @@ from cartpend_dae.simulate import simulate
 from cartpend_dae.transcribe import stack_data
 
 STEPS, HALVINGS = 6, 4
-# of the cost: what a step promises when it is the last one, 0.1 standard deviations of any estimate; what is left then
+# of the cost: what a step promises when it is the last one, 0.2 standard deviations of any estimate; what is left then
 # is of second order
-LAST = 5e-3
+LAST = 2e-2
 # part of what it promises by which a step must lower the cost, and rounding of the integration
 ARMIJO, ROUNDING = 1e-2, 1e-6
 # samples times steps between them times directions: of so many the derivatives take up to ten seconds
