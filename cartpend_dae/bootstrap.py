@@ -58,7 +58,7 @@ def bootstrap(
     problem
         The problem.
     fit
-        Its solution, of the free simulation.
+        Its solution, of the free simulation; around one on the exact form of friction lie the fits of `stepped`.
     number
         How many times; 1,000 for intervals, 100 for standard deviations.
     kind
@@ -88,6 +88,7 @@ def bootstrap(
             "The bootstrap makes data anew from a free simulation; this fit is of predictions, in which noise goes "
             "through the observer. Its standard deviations are those of the block jackknife."
         )
+    best, fit = fit, fit.stepped or fit  # data are made and fitted in steps of fixed length
     shortest = min(run.time.size for run in fit.runs)
     length = None if kind is Kind.parametric else block or _block_length(fit, shortest)
     if length is not None and not 1 <= length <= shortest:
@@ -106,7 +107,8 @@ def bootstrap(
     values = [row for row in in_parallel(again, range(number), jobs=jobs) if row is not None]
     if len(values) < 2:
         raise SolverError(f"Of {number} fits of the bootstrap {len(values)} converged: too few to say anything.")
-    rows = np.array(values)
+    pairs = zip((*best.parameters, *best.starts), (*fit.parameters, *fit.starts), strict=True)
+    rows = np.array(values) + np.array([end.value - begin.value for end, begin in pairs])
     return Bootstrap(
         kind,
         tuple(e.name for e in (*fit.parameters, *fit.starts)),

@@ -16,6 +16,7 @@ from scipy.optimize import lsq_linear
 
 from cartpend_dae.errors import SolverError
 from cartpend_dae.problem import Problem
+from cartpend_dae.programme import Hessian
 from cartpend_dae.shooting import carried_on, start_slopes, start_states
 
 # of the cost, half a sum of squares in standard deviations: what a step still promises at the end, and what is enough
@@ -127,7 +128,13 @@ def gauss_newton(
 
 
 def interior_point(
-    problem: Problem, values: np.ndarray, nodes: np.ndarray, w: np.ndarray, data: np.ndarray
+    problem: Problem,
+    values: np.ndarray,
+    nodes: np.ndarray,
+    w: np.ndarray,
+    data: np.ndarray,
+    *,
+    hessian: Hessian = "gauss-newton",
 ) -> Solution:
     """Minimise the cost of a problem from a point by IPOPT; arguments as of `gauss_newton`.
 
@@ -138,7 +145,8 @@ def interior_point(
     """
     lower, upper = bounds(problem)
     open_nodes = np.full(nodes.size, np.inf)
-    result = problem.programme(
+    solver = problem.programme if hessian == "gauss-newton" else problem.exact_programme
+    result = solver(
         x0=np.concatenate([values, nodes.ravel(order="F")]),
         p=np.concatenate([w, data.ravel(order="F")]),
         lbx=np.concatenate([lower, -open_nodes]),
@@ -146,7 +154,7 @@ def interior_point(
         lbg=0.0,
         ubg=0.0,
     )
-    stats = problem.programme.stats()
+    stats = solver.stats()
     solution, message = np.asarray(result["x"]).ravel(), str(stats["return_status"])
     if not np.all(np.isfinite(solution)):
         raise SolverError(f"The fit of {problem.system.name} gave no finite parameters ({message}).")
@@ -183,7 +191,7 @@ def _evaluated(work: _Work, values: np.ndarray, nodes: np.ndarray) -> _Point:
     carried = carried_on(problem, values, work.w)
     packed = np.vstack([carried, nodes, np.zeros((1, layout.n_segments))])
     result = np.asarray(problem.functions.value.map(layout.n_segments)(packed, work.data))[len(carried) :]
-    cost = float(result[-1].sum()) + float(np.sum(_prior(problem, values)[0] ** 2)) / 2
+    cost = float(result[-1].sum()) + float(np.sum(prior_errors(problem, values)[0] ** 2)) / 2
     return _Point(values, nodes, cost, _targets(problem, values, result[:-1]) - nodes)
 
 
@@ -194,7 +202,7 @@ def _targets(problem: Problem, values: np.ndarray, ends: np.ndarray) -> np.ndarr
     return targets
 
 
-def _prior(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def prior_errors(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the errors against what was known before, in standard deviations, and their slopes."""
     errors, slopes = np.zeros(values.size), np.zeros(values.size)
     for i, (item, value) in enumerate(zip(problem.variables, values, strict=True)):
@@ -212,7 +220,7 @@ def _step(work: _Work, point: _Point) -> _Step:
     sensitivity, gram, gradient = _linearised(work, point)
     begin = dict(zip(layout.first, start_slopes(problem, point.values), strict=True))
     eye, owners = np.eye(n_all), layout.owners[layout.runs]
-    error, prior_slope = _prior(problem, point.values)
+    error, prior_slope = prior_errors(problem, point.values)
     hessian, pull = np.diag(prior_slope**2), prior_slope * error
     slopes, shifts = np.zeros((m, n_x, n_all)), np.zeros((m, n_x))
     slope, shift = np.zeros((n_x, n_all)), np.zeros(n_x)
@@ -226,7 +234,7 @@ def _step(work: _Work, point: _Point) -> _Step:
         slope, shift = sensitivity[k] @ to_local, sensitivity[k] @ moved
     if not (np.all(np.isfinite(hessian)) and np.all(np.isfinite(pull))):
         return _Step(np.zeros_like(point.values), np.zeros_like(point.nodes), np.inf, np.zeros_like(point.nodes))
-    values = _bounded(hessian, pull, work.lower - point.values, work.upper - point.values)
+    values = bounded_step(hessian, pull, work.lower - point.values, work.upper - point.values)
     nodes = (slopes @ values + shifts).T
     local = np.concatenate([nodes.T, values[owners]], axis=1)
     slopes_of_cost = gradient + np.einsum("kij,kj->ki", gram, local)
@@ -256,7 +264,7 @@ def _linearised(work: _Work, point: _Point) -> tuple[np.ndarray, np.ndarray, np.
     )
 
 
-def _bounded(hessian: np.ndarray, pull: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+def bounded_step(hessian: np.ndarray, pull: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     """Minimise d'H d/2 + pull'd with lower <= d <= upper; directions without curvature are left alone."""
     if not pull.size:
         return pull

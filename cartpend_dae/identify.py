@@ -1,17 +1,31 @@
 """Estimate parameters and start values of a model on measured runs, with their uncertainty."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
+from cartpend_dae.collocation import collocated
 from cartpend_dae.cuts import run_of
 from cartpend_dae.gauss_newton import ITERATIONS, Solution, bounds, gauss_newton, interior_point
 from cartpend_dae.problem import Problem, dominant_frequency
+from cartpend_dae.programme import Hessian
 from cartpend_dae.residual_noise import NoiseModel
-from cartpend_dae.shooting import filtered_nodes, run_from, run_through, scaled_values, sensitivities, start_states
+from cartpend_dae.shooting import (
+    Sensitivities,
+    filtered_nodes,
+    run_from,
+    run_through,
+    scaled_values,
+    sensitivities,
+    start_states,
+)
 from cartpend_dae.transcribe import stack_data
 from cartpend_dae.uncertainty import Estimate, uncertainty
+
+Form = Literal["smooth", "time-stepping", "exact"]
+Method = Literal["shooting", "collocation"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +47,8 @@ class Fit:
     minimised: half of it, with prior knowledge and robust loss; `covariance` is that of
     parameters and free starts, SI; `noise` is what the residuals show, in units of `weights_sd`. `tied` are parameters
     that follow from others, `blind` says along which directions the data leave the parameters open,
-    `notes` what else is to be known of how it was found.
+    `notes` what else is to be known of how it was found. `form` is that of the model that the figures rest on: `smooth`
+    without events, else events stepped over in `time-stepping` or located exactly, from the fit `stepped`.
     """
 
     parameters: tuple[Estimate, ...]
@@ -54,6 +69,8 @@ class Fit:
     message: str
     iterations: int
     notes: tuple[str, ...] = ()
+    form: Form = "smooth"
+    stepped: "Fit | None" = None
 
     @property
     def values(self) -> dict[str, float]:
@@ -96,6 +113,8 @@ def estimate(
     sd: np.ndarray | None = None,
     patient: bool = True,
     iterations: int = ITERATIONS,
+    method: Method = "shooting",
+    hessian: Hessian = "gauss-newton",
 ) -> Fit:
     """Solve the estimation problem by Gauss and Newton's method, and by IPOPT where that does not get there.
 
@@ -115,6 +134,11 @@ def estimate(
         False leaves it at Gauss and Newton's method, where another way may be tried next.
     iterations
         Largest number of its steps.
+    method
+        `collocation` solves one large programme by IPOPT instead, in which no simulation must come to its end; where
+        there is dry friction that sticks, Gauss and Newton's method goes on from there.
+    hessian
+        The `exact` one is IPOPT's as well.
 
     Raises
     ------
@@ -129,18 +153,36 @@ def estimate(
     values = np.clip(scaled_values(problem, guess or {}), lower, upper)
     follow = observer if observer is not None else max(bandwidth, dominant_frequency(problem.experiments) * 5)
     nodes = filtered_nodes(problem, values, np.full_like(w, follow), data)
-    found = gauss_newton(problem, values, nodes, w, data, iterations=iterations)
+    found = None
+    if method == "collocation":
+        _, states = run_through(problem, values, np.full_like(w, follow), data)
+        found = collocated(problem, values, states, w, data, hessian=hessian)
+        values, nodes = found.values, found.nodes
+    elif hessian == "exact":
+        found = interior_point(problem, values, nodes, w, data, hessian=hessian)
+    if found is None or problem.system.frictions.places:
+        found = gauss_newton(problem, values, nodes, w, data, iterations=iterations)
     if patient and not found.success:
         found = interior_point(problem, values, nodes, w, data)
-    return _outcome(problem, found, w, data, weights_sd)
-
-
-def _outcome(problem: Problem, found: Solution, w: np.ndarray, data: np.ndarray, weights_sd: np.ndarray) -> Fit:
-    layout, values, nodes = problem.layout, found.values, found.nodes
     if not found.success:  # the segments of an unfinished solution do not join
-        nodes = run_through(problem, values, w, data)[1][:, :: layout.length]
-    _, states = run_from(problem, values, nodes, w, data)
-    slopes = sensitivities(problem, values, nodes, w, data)
+        nodes = run_through(problem, found.values, w, data)[1][:, :: layout.length]
+        found = replace(found, nodes=nodes)
+    states = run_from(problem, found.values, found.nodes, w, data)[1]
+    slopes = sensitivities(problem, found.values, found.nodes, w, data)
+    return outcome(problem, found, w, data, weights_sd, slopes, states)
+
+
+def outcome(
+    problem: Problem,
+    found: Solution,
+    w: np.ndarray,
+    data: np.ndarray,
+    weights_sd: np.ndarray,
+    slopes: Sensitivities,
+    states: np.ndarray,
+) -> Fit:
+    """Return the fit that a solution is, with residuals, their derivatives, and states (n_state, n) there."""
+    layout, values = problem.layout, found.values
     is_measured = data[-len(problem.outputs) :].T > 0
     by_run = _samples_by_run(problem)
     parts = [part for _, part in by_run.values()]
@@ -170,6 +212,7 @@ def _outcome(problem: Problem, found: Solution, w: np.ndarray, data: np.ndarray,
         success=found.success,
         message=found.message,
         iterations=found.iterations,
+        form="time-stepping" if problem.has_events else "smooth",
     )
 
 

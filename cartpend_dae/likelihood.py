@@ -42,7 +42,7 @@ def profile(problem: Problem, fit: Fit, name: str, *, jobs: int = 1) -> Profile:
     problem
         The problem.
     fit
-        Its solution.
+        Its solution; of one on the exact form of friction the profile is that of `stepped`, moved to where it ended.
     name
         The parameter.
     jobs
@@ -62,6 +62,7 @@ def profile(problem: Problem, fit: Fit, name: str, *, jobs: int = 1) -> Profile:
     if name not in names:
         listing = ", ".join(f"`{other}`" for other in names)
         raise ModelError(f"There is no estimated parameter `{name}` to profile; those of the fit are: {listing}.")
+    best, fit = fit.values[name], fit.stepped or fit  # other values are fitted in steps of fixed length
     found = fit.parameters[names.index(name)]
     if found.status == "at-bound":
         raise ModelError(f"`{name}` stands on its bound, {found.value:g} {found.unit}; there is no profile around it.")
@@ -71,12 +72,13 @@ def profile(problem: Problem, fit: Fit, name: str, *, jobs: int = 1) -> Profile:
         return _follow(problem, fit, name, sign * step, ratio)
 
     (low, z_low, low_ends), (high, z_high, high_ends) = in_parallel(side, (-1, 1), jobs=jobs)
-    values = np.concatenate([low[::-1], [found.value], high])
+    low, high = low + (best - found.value), high + (best - found.value)
+    values = np.concatenate([low[::-1], [best], high])
     z = np.concatenate([-z_low[::-1], [0.0], z_high])
     item = next(item for item in problem.layout.free if item.name == name)
     interval = (
-        _crossing(found.value, low, z_low, item.lower if low_ends else -np.inf),
-        _crossing(found.value, high, z_high, item.upper if high_ends else np.inf),
+        _crossing(best, low, z_low, item.lower if low_ends else -np.inf),
+        _crossing(best, high, z_high, item.upper if high_ends else np.inf),
     )
     return Profile(name, found.unit, values, z, interval)
 

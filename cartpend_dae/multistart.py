@@ -12,6 +12,7 @@ from cartpend_dae.discover.regime import best_bandwidth
 from cartpend_dae.discover.search import STAGES
 from cartpend_dae.discover.workbench import Report, Workbench
 from cartpend_dae.errors import SolverError
+from cartpend_dae.exact_form import finished
 from cartpend_dae.identify import Fit
 from cartpend_dae.parallel import in_parallel
 from cartpend_dae.problem import Problem
@@ -20,11 +21,15 @@ from cartpend_dae.starting import best_of, check_reach, off_the_bounds, shifted,
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """How a study is fitted: from how many starts, in how many processes, scattered by which seed."""
+    """How a study is fitted: from how many starts, in how many processes, scattered by which seed.
+
+    `exact` as of `exact_form.finished`.
+    """
 
     starts: int = 1
     seed: int = 0
     jobs: int = 1
+    exact: bool | None = None
 
 
 def fit_study(setup: Setup, route: Route, report: Report) -> tuple[Problem, Fit]:
@@ -67,6 +72,7 @@ def fit_study(setup: Setup, route: Route, report: Report) -> tuple[Problem, Fit]
     if best is None:
         raise _failure(bench, fits[0])
     notes += (str(outcome),) if route.starts > 1 else ()
+    best = finished(problem, best, exact=route.exact)
     return problem, replace(best, notes=(*best.notes, *notes))
 
 

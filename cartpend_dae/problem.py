@@ -27,7 +27,10 @@ _OF_STARTS = ("starts", "begins", "start_places", "programme")
 
 @dataclass(frozen=True)
 class Problem:
-    """What is to be estimated, on which runs; assembled once and solved as often as needed."""
+    """What is to be estimated, on which runs; assembled once and solved as often as needed.
+
+    `system` is without events; `events` is the one with them.
+    """
 
     system: System
     free: tuple[Free, ...]
@@ -37,6 +40,17 @@ class Problem:
     ties: tuple[Tie, ...] = ()
     huber: float = np.inf
     stride: float | None = None
+    events: System | None = None
+
+    @property
+    def exact(self) -> System:
+        """The system with its events, which an estimation steps over."""
+        return self.events or self.system
+
+    @property
+    def has_events(self) -> bool:
+        """Whether steps of fixed length are an approximation of events, such as those of dry friction."""
+        return bool(self.exact.frictions.places or self.exact.hybrid.relation_places)
 
     @cached_property
     def layout(self) -> Layout:
@@ -92,6 +106,12 @@ class Problem:
     def programme(self) -> ca.Function:
         """The solver of the nonlinear programme."""
         return programme(self.layout, self.variables, self.begins, self.start_places, self.functions)
+
+    @cached_property
+    def exact_programme(self) -> ca.Function:
+        """The solver with the exact Hessian."""
+        layout, functions = self.layout, self.functions
+        return programme(layout, self.variables, self.begins, self.start_places, functions, hessian="exact")
 
     @cached_property
     def prior_sd(self) -> np.ndarray:
@@ -153,7 +173,8 @@ def make_problem(
     ModelError
         For unknown names, contradictory ties, or if there is nothing to fit.
     """
-    system = without_events(assemble(model), "An estimation")
+    whole = assemble(model)
+    system = without_events(whole, "An estimation")
     if not experiments:
         raise ModelError(f"There is no run to fit {system.name} to.")
     for item in free:
@@ -180,7 +201,8 @@ def make_problem(
                 raise ModelError(f"Run `{experiment.name}` gives no input `{name}`: name its column under `inputs`.")
     check_regular(system, parameter_vector(system, {item.name: item.guess for item in free}))
     _check_ties(ties, free)
-    return Problem(system, free, experiments, outputs, step, ties, np.inf if huber is None else huber)
+    limit = np.inf if huber is None else huber
+    return Problem(system, free, experiments, outputs, step, ties, limit, events=whole)
 
 
 def _check_ties(ties: tuple[Tie, ...], free: tuple[Free, ...]) -> None:

@@ -5,13 +5,15 @@ segments. The Hessian is that of Gauss and Newton, summed from the Gram matrices
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
 
 from cartpend_dae.transcribe import Layout, Passes
 from cartpend_dae.unknowns import Free
+
+Hessian = Literal["gauss-newton", "exact"]
 
 # residuals are in standard deviations: a change of the cost by 1e-6 is far below any decision
 SETTINGS = {
@@ -51,6 +53,7 @@ def programme(
     start_places: tuple[np.ndarray, ...],
     functions: Passes,
     *,
+    hessian: Hessian = "gauss-newton",
     options: dict[str, Any] | None = None,
 ) -> ca.Function:
     """Return the solver of the nonlinear programme.
@@ -70,6 +73,8 @@ def programme(
         Where the free starts of each run stand among the variables.
     functions
         The passes of the layout.
+    hessian
+        The exact one is differentiated by CasADi.
     options
         More options for CasADi's `nlpsol`.
     """
@@ -86,11 +91,11 @@ def programme(
     inner = _inner(layout)
     first, slopes = _start_defects(layout, places, begins, v, theta, nodes)
     g = ca.vertcat(*first, ca.vec(ends[:, inner] - nodes[:, [k + 1 for k in inner]]))
-    prior, prior_slope, prior_curvature = _prior(variables, v)
+    prior, prior_slope, prior_curvature = prior_terms(variables, v)
     f = ca.sum2(cost) + prior
-    grad_f = _added(gradient, places.local, places.n) + prior_slope
+    grad_f = summed(gradient, places.local, places.n) + prior_slope
     jac_g = _jacobian(layout, places, slopes, sensitivity)
-    hessian = _hessian(places, gram, prior_curvature)
+    curvature = _hessian(places, gram, prior_curvature)
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g.numel())
     hooks: dict[str, Any] = {
         "grad_f": ca.Function("nlp_grad_f", [v, parameter], [f, grad_f], ["x", "p"], ["f", "grad_f_x"]),
@@ -98,11 +103,13 @@ def programme(
         "hess_lag": ca.Function(
             "nlp_hess_l",
             [v, parameter, lam_f, lam_g],
-            [ca.triu(hessian) * lam_f],
+            [ca.triu(curvature) * lam_f],
             ["x", "p", "lam_f", "lam_g"],
             ["triu_hess_gamma_x_x"],
         ),
     }
+    if hessian == "exact":
+        del hooks["hess_lag"]
     return ca.nlpsol("fit", "ipopt", {"x": v, "p": parameter, "f": f, "g": g}, hooks | SETTINGS | (options or {}))
 
 
@@ -155,8 +162,10 @@ def _start_defects(
     return defects, slopes
 
 
-def _prior(everything: tuple[Free, ...], v: ca.MX) -> tuple[ca.MX, ca.MX, dict[int, ca.MX]]:
-    """Return the cost of what was known before, its gradient (n, 1), and its curvature by variable."""
+def prior_terms(
+    everything: tuple[Free, ...], v: ca.MX, *, is_exact: bool = False
+) -> tuple[ca.MX, ca.MX, dict[int, ca.MX]]:
+    """Return the cost of what was known before, its gradient (n, 1), and its curvature by variable, exact or not."""
     cost, gradient, curvature = ca.MX(0), ca.MX.zeros(v.numel()), {}
     for i, item in enumerate(everything):
         if item.prior is None:
@@ -165,16 +174,16 @@ def _prior(everything: tuple[Free, ...], v: ca.MX) -> tuple[ca.MX, ca.MX, dict[i
         error = (item.value(v[i]) - item.prior.value) / item.prior.sd
         cost += error**2 / 2
         gradient[i] = slope * error
-        curvature[i] = slope**2
+        curvature[i] = slope**2 + (slope * error if is_exact and item.is_log else 0)
     return cost, gradient, curvature
 
 
-def _added(values: ca.MX, index: np.ndarray, n: int) -> ca.MX:
+def summed(values: ca.MX, index: np.ndarray, n: int) -> ca.MX:
     """Return a vector (n, 1) in which each value stands at its index, those with the same index added."""
     flat = index.ravel(order="F")
     order = np.argsort(flat, kind="stable")
     select = ca.DM(ca.Sparsity.triplet(n, flat.size, flat[order].tolist(), order.tolist()), 1.0)
-    return ca.mtimes(ca.MX(select), ca.vec(values))
+    return ca.densify(ca.mtimes(ca.MX(select), ca.vec(values)))
 
 
 def _jacobian(layout: Layout, places: _Map, slopes: list[ca.MX], sensitivity: ca.MX) -> ca.MX:
@@ -201,14 +210,14 @@ def _jacobian(layout: Layout, places: _Map, slopes: list[ca.MX], sensitivity: ca
         columns.append(np.broadcast_to(local, (n_x, *local.shape)).ravel(order="F"))
         values.append(ca.vec(sensitivity[:, inner.tolist()]))
     shape = ((n_runs + inner.size) * n_x, places.n)
-    return _sparse(np.concatenate(rows), np.concatenate(columns), ca.vertcat(*values), shape)
+    return placed(np.concatenate(rows), np.concatenate(columns), ca.vertcat(*values), shape)
 
 
-def _sparse(rows: np.ndarray, columns: np.ndarray, values: ca.MX, shape: tuple[int, int]) -> ca.MX:
+def placed(rows: np.ndarray, columns: np.ndarray, values: ca.MX, shape: tuple[int, int]) -> ca.MX:
     """Make a sparse matrix of values at (row, column); those at the same place are added."""
     keys, inverse = np.unique(columns.astype(int) * shape[0] + rows.astype(int), return_inverse=True)
     sparsity = ca.Sparsity.triplet(shape[0], shape[1], (keys % shape[0]).tolist(), (keys // shape[0]).tolist())
-    return ca.sparsity_cast(_added(values, inverse, keys.size), sparsity)
+    return ca.sparsity_cast(summed(values, inverse, keys.size), sparsity)
 
 
 def _hessian(places: _Map, gram: ca.MX, prior: dict[int, ca.MX]) -> ca.MX:
@@ -220,4 +229,4 @@ def _hessian(places: _Map, gram: ca.MX, prior: dict[int, ca.MX]) -> ca.MX:
     known = np.array(list(prior), dtype=int)
     damping = 1 + DAMPING * np.eye(size).ravel()
     values = ca.vertcat(ca.vec(gram * ca.repmat(ca.DM(damping), 1, gram.size2())), *prior.values())
-    return _sparse(np.concatenate([rows, known]), np.concatenate([columns, known]), values, (places.n, places.n))
+    return placed(np.concatenate([rows, known]), np.concatenate([columns, known]), values, (places.n, places.n))

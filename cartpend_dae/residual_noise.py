@@ -78,6 +78,8 @@ def meat(slopes: list[np.ndarray], noise: NoiseModel) -> np.ndarray:
     """
     n_all = slopes[0].shape[2]
     total = np.zeros((n_all, n_all))
+    if not n_all:  # all stand on their bounds
+        return total
     longest = max(_impulse(a).size for a in noise.filters)
     for run in slopes:
         before = np.zeros((longest - 1, *run.shape[1:]))  # the noise did not begin with the run

@@ -8,11 +8,13 @@ algebraic variables from their equations.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TypeVar
 
 import casadi as ca
 import numpy as np
 
+from cartpend_dae.along import AllTimes
 from cartpend_dae.assemble import assemble
 from cartpend_dae.begin import Begin
 from cartpend_dae.coincidence import coincidence
@@ -219,7 +221,7 @@ def _linear(
     start = start_slopes(begin, search, names, input_values(driven, fine[:1], driven.left[:, :1])[:, 0])
     _check_coincidence(begin, found, start.parameters)
     keep = np.searchsorted(fine, grid)
-    at = _local(begin, outputs, fine[keep], found.run, keep, u[:, keep])
+    at = _local(begin, outputs, fine[keep], found.run, keep, u)
     jumps = _jumps(ready, found.left, keep, u)
     return _Linear(system, found, names, start.state, start.parameters, *at, keep, jumps)
 
@@ -279,44 +281,47 @@ def _check_coincidence(begin: Begin, found: Solved, directions: np.ndarray) -> N
 def _local(
     begin: Begin, outputs: tuple[str, ...], times: np.ndarray, run: Run, keep: np.ndarray, u: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return outputs (n, n_y) and their derivatives in states and memory (n, n_y, n_X) and parameters (n, n_y, n_p)."""
-    function = _local_function(begin, outputs)
-    memory = np.zeros((0, times.size)) if run.memory is None else run.memory[:, keep]
-    found = [
-        _local_at(function, (time, run.x[:, i], memory[:, k]), run.z[:, i], (u[:, k], begin.p))
-        for k, (time, i) in enumerate(zip(times.tolist(), keep.tolist(), strict=True))
-    ]
-    values, in_state, in_p = (np.array(part) for part in zip(*found, strict=True))
-    return values, in_state, in_p
+    """Return outputs (n, n_y) and their derivatives in states and memory (n, n_y, n_X) and parameters (n, n_y, n_p).
 
-
-def _local_at(function: ca.Function, state: tuple, z: np.ndarray, given: tuple) -> tuple[np.ndarray, ...]:
-    """Return outputs and their derivatives at one time, along the solution z of the algebraic equations."""
-    left = MOST_NEWTON
+    They are those along the solution z of the algebraic equations.
+    """
+    function, shapes = _local_function(begin, outputs)
+    memory, left = np.zeros((0, times.size)) if run.memory is None else run.memory[:, keep], MOST_NEWTON
+    x, z = run.x[:, keep], run.z[:, keep]
     while True:
-        y, y_state, y_z, y_p, *equations = (np.asarray(part) for part in function(*state, z, *given))
+        packed = function([times[None, :], x, memory, z, u[:, keep], begin.p], times.size)
+        ends = np.cumsum([0, *(rows * columns for rows, columns in shapes)])
+        y, y_state, y_z, y_p, residual, by_state, by_z, by_p = (
+            packed[:, a:b].reshape(times.size, columns, rows).transpose(0, 2, 1)
+            for (a, b), (rows, columns) in zip(pairwise(ends), shapes, strict=True)
+        )
         if not z.size:
-            return y.ravel(), y_state, y_p
-        residual, by_state, by_z, by_p = equations
-        step = np.linalg.solve(by_z, residual).ravel()
-        if np.all(np.abs(step) <= 1e-12 * (1e-3 + np.abs(z))) or not left:
+            return y[..., 0], y_state, y_p
+        step = np.linalg.solve(by_z, residual)[..., 0].T
+        is_moving = np.any(np.abs(step) > 1e-12 * (1e-3 + np.abs(z)), axis=0)
+        if not (left and is_moving.any()):
             break
-        z, left = z - step, left - 1
-    return y.ravel(), y_state - y_z @ np.linalg.solve(by_z, by_state), y_p - y_z @ np.linalg.solve(by_z, by_p)
+        z, left = np.where(is_moving, z - step, z), left - 1
+    return y[..., 0], y_state - y_z @ np.linalg.solve(by_z, by_state), y_p - y_z @ np.linalg.solve(by_z, by_p)
 
 
-def _local_function(begin: Begin, outputs: tuple[str, ...]) -> ca.Function:
-    """Return (t, x, memory, z, u, p) -> outputs and equations of z, each with its derivatives in (x, memory), z, p."""
+def _local_function(begin: Begin, outputs: tuple[str, ...]) -> tuple[AllTimes, list[tuple[int, int]]]:
+    """Return (t, x, memory, z, u, p) -> outputs and equations of z, each with its derivatives in (x, memory), z, p.
+
+    They stand below each other in a column; the shapes of all of them come with it.
+    """
     s, made = begin.between, begin.machine
     expressions, memory = [s.outputs[[s.index_of(name) for name in outputs], 0], s.alg], ca.SX(0, 1)
     if made is not None:
         memory, h = made.memory.vector, begin.system.hybrid
         for pair in ((s.frictions.force, made.force), (h.pulses, ca.SX.zeros(h.pulses.numel()))):
             expressions = replaced(expressions, [pair])
-    state, blocks = ca.vertcat(s.x, memory), []
+    state, blocks = ca.vertcat(s.x, memory), list[ca.SX]()
     for expression in expressions:
-        blocks += [expression, *(ca.densify(ca.jacobian(expression, by)) for by in (state, s.z, s.p))]
-    return ca.Function("local", [s.time, s.x, memory, s.z, begin.system.u, s.p], blocks)
+        blocks += [expression, *(ca.jacobian(expression, by) for by in (state, s.z, s.p))]
+    column = ca.vertcat(*(ca.vec(ca.densify(block)) for block in blocks))
+    function = ca.Function("local", [s.time, s.x, memory, s.z, begin.system.u, s.p], [column])
+    return AllTimes(function), [block.shape for block in blocks]
 
 
 def _jumps(ready: Ready, left: Run, keep: np.ndarray, u: np.ndarray) -> dict[int, tuple[np.ndarray, np.ndarray]]:

@@ -104,6 +104,8 @@ def open_study(path: Path | str, *, needs_runs: bool = True) -> Opened:
             ties,
             study.identify.huber,
             study.identify.max_iterations,
+            study.identify.method,
+            study.identify.hessian,
         ),
         fixed=tuple(q for q in system.parameters if q.name in fixed),
         cards=cards,
@@ -137,7 +139,7 @@ def identify_study(study: Opened | Path | str, *, report: Report | None = None, 
 def solve_study(opened: Opened, *, report: Report | None = None, jobs: int = 1) -> tuple[Problem, Fit]:
     """Return the estimation problem of a study and its solution; see `identify_study`."""
     options = opened.study.identify
-    return fit_study(opened.setup, Route(options.starts, options.seed, jobs), report or _silent)
+    return fit_study(opened.setup, Route(options.starts, options.seed, jobs, options.exact), report or _silent)
 
 
 def discover_study(study: Opened | Path | str, *, report: Report | None = None, jobs: int = 1) -> Discovery:

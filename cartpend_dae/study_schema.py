@@ -309,16 +309,18 @@ class ExperimentSpec:
 
 @dataclass(frozen=True, slots=True, config=_TABLE)
 class IdentifySpec:
-    """Options of the estimation; None leaves the choice to it.
+    """Options of the estimation, see `identify.estimate`; None leaves the choice to it.
 
-    Gauss and Newton's method takes at most `max_iterations` steps before IPOPT is tried.
     Residuals beyond `huber` standard deviations count linearly. With several `starts` the fit begins from as many
-    points within the bounds, the guesses first.
+    points within the bounds, the guesses first. `exact`: whether it ends on the exact form of friction and events.
     """
 
     step: Positive | None = None
     max_iterations: AtLeastOne | None = None
     huber: Positive | None = None
+    exact: Switch | None = None
+    method: Literal["shooting", "collocation"] = "shooting"
+    hessian: Literal["gauss-newton", "exact"] = "gauss-newton"
     starts: AtLeastOne = 1
     seed: Count = 0
 

@@ -183,7 +183,7 @@ class Passes:
     def value(self) -> ca.Function:
         """The cost of a segment."""
         s, cost = self._sample, ca.SX.sym("cost")
-        loss, _, _ = _loss(s.error, self.layout.huber)
+        loss, _, _ = weighed(s.error, self.layout.huber)
         return _fold("value", [s.carried, s.x, cost], [s.carried, s.x_next, cost + loss], s.data, self.layout.length)
 
     @cached_property
@@ -193,7 +193,7 @@ class Passes:
         seeds, seeds_next, error_slope = self._moved
         size = seeds.size2()
         gram, gradient = ca.SX.sym("gram", size, size), ca.SX.sym("gradient", size)
-        _, pull, curvature = _loss(s.error, self.layout.huber)
+        _, pull, curvature = weighed(s.error, self.layout.huber)
         return _fold(
             "slope",
             [s.carried, s.x, ca.vec(seeds), ca.vec(gram), gradient],
@@ -243,7 +243,7 @@ class _Sample:
         return ca.vertcat(self.theta, self.w)
 
 
-def _loss(error: ca.SX, huber: float) -> tuple[ca.SX, ca.SX, ca.SX]:
+def weighed(error: ca.SX, huber: float) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Return half the sum of squares, its gradient and curvature; beyond `huber` the square goes on as a line.
 
     References
@@ -291,18 +291,24 @@ def _sample(layout: Layout, step: Step, p: ca.SX, w: ca.SX, x: ca.SX, data: ca.S
         data, [0, 1, 2, 2 + n_u, 2 + 2 * n_u, 2 + 2 * n_u + n_y, 2 + 2 * n_u + 2 * n_y]
     )
     error = measured - step.measure(time, width, x, u_a, p)[list(layout.outputs)]
-    corrected = ca.SX(x)
+    now = corrected(layout, p, w, x, error, (width, weight))
+    return step.function(time, width, now, u_a, u_b, p), weight * error
+
+
+def corrected(layout: Layout, p: ca.SX, w: ca.SX, x: ca.SX, error: ca.SX, sample: tuple[ca.SX, ca.SX]) -> ca.SX:
+    """Return a state as the innovation at a sample, of which width and weights are given, corrects it."""
+    (width, weight), now = sample, ca.SX(x)
     # width is 0 at the last sample of a run and at padding: nothing is corrected or stepped there
-    for position, state, rate, factor in injection_targets(system, layout.outputs):
-        factor = ca.substitute(factor, system.p, p) if system.p.numel() else factor
+    for position, state, rate, factor in injection_targets(layout.system, layout.outputs):
+        factor = ca.substitute(factor, layout.system.p, p) if layout.system.p.numel() else factor
         rho = ca.exp(-w[position] * width)
         seen = (weight[position] > 0) * error[position] / factor
         if rate is None:
-            corrected[state] += (1 - rho) * seen
+            now[state] += (1 - rho) * seen
         else:
-            corrected[state] += (1 - rho**2) * seen
-            corrected[rate] += (1 - rho) ** 2 * seen / ca.fmax(width, 1e-30)
-    return step.function(time, width, corrected, u_a, u_b, p), weight * error
+            now[state] += (1 - rho**2) * seen
+            now[rate] += (1 - rho) ** 2 * seen / ca.fmax(width, 1e-30)
+    return now
 
 
 def stack_data(layout: Layout, experiments: tuple[Experiment, ...], weights: np.ndarray) -> np.ndarray:

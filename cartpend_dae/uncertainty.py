@@ -18,6 +18,8 @@ Status = Literal["ok", "at-bound", "unidentifiable", "fixed"]
 BLIND = 1e-10
 _SEVERITY: tuple[Status, ...] = ("ok", "fixed", "at-bound", "unidentifiable")
 NORMAL_95 = 1.959963984540054
+# of the standard deviation with all else known: closer to its bound a value stands on it
+ON_BOUND = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,15 +74,16 @@ def uncertainty(
     H. White, Econometrica 50 (1982), 1-25, doi:10.2307/1912526 (the sandwich).
     """
     everything = problem.variables
-    status: list[Status] = [_bound_status(item, value) for item, value in zip(everything, values, strict=True)]
-    inside = [i for i, state in enumerate(status) if state == "ok"]
-    noise = noise_model(residuals, len(inside))
     slope = np.array([item.slope(value) for item, value in zip(everything, values, strict=True)])
-    prior = np.diag(
+    known = np.array(
         [(k / item.prior.sd) ** 2 if item.prior else 0.0 for k, item in zip(slope, everything, strict=True)]
     )
+    information = known + sum((np.sum(run**2, axis=(0, 1)) for run in slopes), np.zeros(len(everything)))
+    status: list[Status] = [_bound_status(*given) for given in zip(everything, values, information, strict=True)]
+    inside = [i for i, state in enumerate(status) if state == "ok"]
+    noise = noise_model(residuals, len(inside))
     flat = [run.reshape(-1, len(everything))[:, inside] for run in slopes]
-    prior = prior[np.ix_(inside, inside)]
+    prior = np.diag(known[inside])
     gram = sum((part.T @ part for part in flat), np.zeros((len(inside), len(inside)))) + prior
     middle = meat([run[:, :, inside] for run in slopes], noise) + prior
     inverse, null, unseen = _inverse(gram)
@@ -104,8 +107,13 @@ def uncertainty(
     return Uncertainty(estimates, _tied(problem, values, covariance, slope, status), covariance, blind, noise)
 
 
-def _bound_status(item: Free, value: float) -> Status:
-    span = 1e-6 * max(1.0, abs(value))
+def _bound_status(item: Free, value: float, information: float) -> Status:
+    """Say whether a value stands on a bound: closer than a thousandth of what the data could tell with all else known.
+
+    The scale of the variable is the solver's and says nothing of that; what the data do not see at all must be closer
+    than the solver's tolerance.
+    """
+    span = min(ON_BOUND / np.sqrt(max(information, 1e-300)), 1e-6 * max(1.0, abs(value)))
     is_inside = item.scaled(item.lower) + span < value < item.scaled(item.upper) - span
     return "ok" if is_inside else "at-bound"
 

@@ -313,3 +313,26 @@ def test_algebraic_variables_are_estimated_through():
             costs.append(shifted.gradients.sum(axis=0)[k])
         curvature = (costs[0] - costs[1]) / (2 * step) * linear.variables[k].scale
         assert curvature == pytest.approx(linear.grams.sum(axis=0)[k, k], rel=0.05)  # Gauss-Newton leaves out r''
+
+
+@pytest.mark.parametrize("scale", [1e-5, 1.0, 1e5])
+@pytest.mark.parametrize("upper", [1.0, 0.03])
+def test_a_value_stands_on_its_bound_whatever_its_scale(scale, upper):
+    """0.0375 with a scale of 1e5 is 4e-7 off its lower bound for the solver, and a thousand standard deviations."""
+    system = assemble(RotaDamp())
+    free = free_parameter(system, "bearing.d", guess=0.02, lower=0.0, upper=upper, scale=scale)
+    problem = make_problem(system, (free,), (release(0.5),))
+    (item,) = estimate(problem).parameters
+    if upper < D:
+        assert item.status == "at-bound"
+        assert item.value == pytest.approx(upper, rel=1e-9)
+    else:
+        assert item.status == "ok"
+        assert item.value == pytest.approx(D, abs=4 * item.sd) and item.sd < 1e-3
+
+
+def test_a_fit_whose_only_parameter_stands_on_its_bound_has_residuals_that_may_be_white():
+    system = assemble(RotaDamp())
+    free = free_parameter(system, "bearing.d", guess=0.02, upper=D * (1 - 1e-4))
+    fit = estimate(make_problem(system, (free,), (release(0.5),)))
+    assert fit.noise.is_white and fit.parameters[0].status == "at-bound" and not fit.starts

@@ -70,9 +70,11 @@ LAYERS = """
     programme
     problem
     shooting
-    directions residual_noise gauss_newton piece_scatter
+    directions residual_noise gauss_newton piece_scatter collocation_programme
+    collocation
     uncertainty weak
     identify
+    exact_form
     starting likelihood bootstrap bands excitation
     experiment_design
     assess horizons

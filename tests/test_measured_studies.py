@@ -146,6 +146,14 @@ def test_intervals_of_the_swing_up_cover_what_other_cuts_find(swing_ups, name):
             assert one.interval[0] < other.value < one.interval[1]
 
 
+def test_intervals_of_weight_over_inertia_cover_what_other_cuts_find(dfki, swing_ups):
+    """With five pieces their scatter along this combination alone is smaller by chance than the cuts show."""
+    ratios = [dfki.ratio(fit) for fit in swing_ups]
+    for value, sd in ratios:
+        assert all(abs(other - value) < 1.96 * sd for other, _ in ratios)
+        assert 1.96 * sd < 0.04 * value
+
+
 def test_without_coulomb_friction_and_offset_the_swing_up_is_biased_and_misfits(dfki, swing_ups):
     whole, plain = swing_ups[0], dfki.fitted(dfki.opened("dfki_pendulum"), dfki.Segmentation())
     assert plain.values["arm.J"] > 1.25 * whole.values["arm.J"]

@@ -11,6 +11,7 @@ from cartpend_dae import assemble
 from cartpend_dae.assess import assess
 from cartpend_dae.cuts import cut
 from cartpend_dae.identify import estimate
+from cartpend_dae.piece_scatter import _jackknife, _moderated
 from cartpend_dae.problem import free_parameter, make_problem
 from models.rota_damp import RotaDamp
 
@@ -99,3 +100,28 @@ def test_errors_of_a_run_in_pieces_are_those_of_its_pieces():
     np.testing.assert_allclose(found.predicted[known], (values[:, None] - fit.runs[0].residual)[known], atol=1e-6)
     assert np.isfinite(found.predicted).all()
     assert found.outputs["bearing.phi"].rmse == pytest.approx(fit.noise_sd[0], rel=1e-3)
+
+
+def drawn(generator, sd, k=5):
+    """Shifts of k pieces whose jackknife has the covariance diag(sd^2), in the mean."""
+    return generator.standard_normal((k, sd.size)) * sd / np.sqrt(k - 1) * np.sqrt(k / (k - 1))
+
+
+def test_a_direction_is_not_quieter_than_the_others_by_chance():
+    """Nine parameters that scatter alike, of five pieces: for none of them the interval is far too short."""
+    generator, sd = np.random.default_rng(0), np.full(9, 3.0)
+    own, both = [], []
+    for _ in range(300):
+        shifts = drawn(generator, sd)
+        own.append(_jackknife(shifts)[0, 0])
+        both.append(_moderated(shifts, np.eye(9))[0, 0])
+    assert np.mean(both) == pytest.approx(9.0, rel=0.15)  # 36 degrees of freedom leave a stretch of 1.02
+    assert np.quantile(own, 0.05) < 0.4 * 9 < 0.6 * 9 < np.quantile(both, 0.05)
+
+
+def test_directions_that_differ_stay_as_they_are():
+    """Two that scatter a hundred times more than the others say nothing of these."""
+    generator, sd = np.random.default_rng(1), np.array([100.0, 100.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+    variances = np.mean([np.diag(_moderated(drawn(generator, sd), np.eye(9))) for _ in range(300)], axis=0)
+    assert np.all(variances[2:] < 40.0)  # the mean square of all is 2,200; the stretch of Student's t squared is 2
+    assert np.all(variances[:2] > 0.3 * 100.0**2)

@@ -123,3 +123,20 @@ def test_bode_figure_refuses_what_it_cannot_draw():
         plots.bode_figure(linear, omega=[0.0, 1.0])
     with pytest.raises(ModelError, match="has 1 inputs and 0 outputs to draw"):
         plots.bode_figure(linearize(signals.FirstOrder(T=0.1), outputs=[]))
+
+
+def test_the_band_lies_around_the_model_and_around_the_residual_zero():
+    """95 % of a normal distribution, in the unit of the axis; the residual's band is dotted."""
+    run = demo_run().discovery.before.runs[0]
+    sd = np.linspace(1e-3, 3e-3, run.time.size)[:, None]
+    axes = plots.run_figure(run, sd=sd).get_axes()
+    (band,) = [item for item in axes[0].collections if item.get_label() == "95 % of the model"]
+    corners = band.get_paths()[0].vertices
+    model, half = np.degrees(run.predicted[:, 0]), np.degrees(1.959964 * sd[:, 0])
+    for k in (0, 100, run.time.size - 1):
+        heights = corners[np.isclose(corners[:, 0], run.time[k]), 1]
+        np.testing.assert_allclose([heights.min(), heights.max()], model[k] + half[k] * np.array([-1, 1]), rtol=1e-6)
+    dotted = [item.get_ydata() for item in axes[1].get_lines() if item.get_linestyle() == ":"]
+    np.testing.assert_allclose(dotted, [half, -half], rtol=1e-6)
+    assert "95 % of the model" in {text.get_text() for text in axes[0].figure.legends[0].get_texts()}
+    drawn(axes[0].figure)

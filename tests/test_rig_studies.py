@@ -105,6 +105,37 @@ def test_a_current_sensor_fixes_the_scale():
     check_rig(*not_identified(STUDIES / "driven_cart_current.toml"))
 
 
+FREE_K = '\n[parameters."motor.k"]\nguess = 0.15\nscale = "log"\n'
+RATIO = 84.9
+
+
+@pytest.mark.parametrize(
+    ("study", "is_weighed", "n_open"),
+    [("driven_cart", False, 2), ("driven_cart", True, 1), ("driven_cart_current", False, 0)],
+)
+def test_a_free_motor_constant_needs_the_current(study, is_weighed, n_open, tmp_path):
+    """The voltage drives with r k/R and brakes with d + r^2 k^2/R: of R, k and d two are known, whatever was weighed.
+
+    A mass fixes the scale of all forces, and so r k/R; what brakes is one number then, by the rail and by the motor.
+    """
+    text = (STUDIES / f"{study}.toml").read_text().replace("../", f"{STUDIES.parent}/") + FREE_K
+    text = text.replace('"driven_cart.csv"', f'"{STUDIES / "driven_cart.csv"}"')
+    if is_weighed:
+        text = text.replace('guess = 8.0\nscale = "log"', "guess = 11.372\nfixed = true")
+    (tmp_path / "free.toml").write_text(text)
+    fit, sentences = not_identified(tmp_path / "free.toml")
+    assert len(sentences) == n_open
+    assert all("`motor.k`" in sentence for sentence in sentences)
+    if is_weighed:
+        assert sentences[0].startswith("`rail.d` and `motor.R` and `motor.k` move the outputs alike")
+        values, truth = fit.values, script("make_driven_cart").TRUTH | {"motor.k": 0.17}
+        for seen in (
+            lambda v: v["motor.k"] / v["motor.R"],
+            lambda v: v["rail.d"] + (RATIO * v["motor.k"]) ** 2 / v["motor.R"],
+        ):
+            assert seen(values) == pytest.approx(seen(truth), rel=1e-3)  # rail.d alone is off by a fifth
+
+
 def check_rig(fit, sentences):
     assert sentences == []
     truth = script("make_driven_cart").TRUTH

@@ -8,8 +8,9 @@ import numpy as np
 from cartpend_dae.assess import Assessment
 from cartpend_dae.data import Experiment
 from cartpend_dae.effects import Insertion
-from cartpend_dae.identify import Fit
+from cartpend_dae.identify import Fit, Method
 from cartpend_dae.language import Component
+from cartpend_dae.programme import Hessian
 from cartpend_dae.study_schema import ScoreSpec
 from cartpend_dae.unknowns import Prior
 
@@ -35,7 +36,7 @@ class Setup:
     """What an estimation works on: the model, what is free in it, and the runs by role.
 
     `ties` are parameters that follow from others, with the text that says how. Residuals beyond `huber` standard
-    deviations count linearly; a fit takes at most `max_iterations` steps.
+    deviations count linearly; a fit takes at most `max_iterations` steps; `method` and `hessian` as of `estimate`.
     """
 
     model: Component
@@ -48,6 +49,8 @@ class Setup:
     ties: tuple[tuple[str, str], ...] = ()
     huber: float | None = None
     max_iterations: int | None = None
+    method: Method = "shooting"
+    hessian: Hessian = "gauss-newton"
 
 
 @dataclass(frozen=True, slots=True)

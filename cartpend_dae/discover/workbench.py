@@ -120,7 +120,16 @@ class Workbench:
         most = iterations or self.setup.max_iterations or ITERATIONS
         fit: Fit | None = None
         for bandwidth in bandwidths:
-            fit = estimate(problem, bandwidth=bandwidth, guess=point, sd=sd, patient=patient, iterations=most)
+            fit = estimate(
+                problem,
+                bandwidth=bandwidth,
+                guess=point,
+                sd=sd,
+                patient=patient,
+                iterations=most,
+                method=self.setup.method,
+                hessian=self.setup.hessian,
+            )
             self.report(f"fit at {bandwidth:.3g} rad/s", label, float(np.sqrt(fit.chi2 / fit.n_residuals)))
             point = fit.point
         assert fit is not None

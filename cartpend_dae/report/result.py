@@ -88,6 +88,7 @@ def identification_result(opened: Opened, found: Identification, seconds: float)
             "bandwidth": float(found.fit.bandwidth[0]),
             "gate": {"limit": LIMIT, "baseline": _gate(found.gate), "final": _gate(found.gate)},
             "interrupted": False,
+            "form": found.fit.form,
             "notes": list(found.fit.notes),
             "profiles": {item.name: _profile(item) for item in found.profiles},
             "bootstrap": None if found.bootstrap is None else _bootstrap(found.bootstrap),
