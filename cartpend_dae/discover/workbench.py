@@ -9,6 +9,7 @@ from cartpend_dae.assemble import assemble
 from cartpend_dae.data import Experiment
 from cartpend_dae.discover.records import Setup
 from cartpend_dae.effects import Insertion, insert_all
+from cartpend_dae.errors import SolverError
 from cartpend_dae.gauss_newton import ITERATIONS
 from cartpend_dae.identify import Fit, estimate
 from cartpend_dae.language import Component
@@ -22,6 +23,10 @@ Report = Callable[[str, str, float], None]
 COARSE = 1.0
 
 
+def _silent(stage: str, label: str, error: float) -> None:
+    return None
+
+
 @dataclass(slots=True)
 class Workbench:
     """Builds and solves the estimation problems of one study; `report` hears of each fit.
@@ -31,7 +36,7 @@ class Workbench:
     """
 
     setup: Setup
-    report: Report
+    report: Report = _silent
     problems: dict[tuple[str, ...], Problem] = field(default_factory=dict)
     sizes: dict[str, float] = field(default_factory=dict)
     jobs: int = 1
@@ -57,6 +62,15 @@ class Workbench:
         system = assembled(self.setup.model, insertions, experiments)
         free = self._free(system, insertions)
         return self._problem(system, free, renamed(experiments, insertions), self.setup.step)
+
+    def with_weights(
+        self, taken: tuple[Insertion, ...], closure: Insertion, weights: Callable[[System], tuple[Free, ...]]
+    ) -> Problem:
+        """Make a problem with a closure on the training runs, whose free weights are those of its system."""
+        inside = (*taken, closure)
+        system = assembled(self.setup.model, inside, self.setup.train)
+        free = (*self._free(system, taken), *weights(system))
+        return self._problem(system, free, renamed(self.setup.train, inside), self.setup.step)
 
     def problem_of(
         self, system: System, taken: tuple[Insertion, ...], inside: tuple[Insertion, ...], *, coarse: bool = False
@@ -120,7 +134,10 @@ class Workbench:
         most = iterations or self.setup.max_iterations or ITERATIONS
         fit: Fit | None = None
         for bandwidth in bandwidths:
-            fit = estimate(problem, bandwidth=bandwidth, guess=point, sd=sd, patient=patient, iterations=most)
+            try:
+                fit = estimate(problem, bandwidth=bandwidth, guess=point, sd=sd, patient=patient, iterations=most)
+            except np.linalg.LinAlgError:
+                raise SolverError(f"The fit of {label} leaves numbers that cannot be computed with.") from None
             self.report(f"fit at {bandwidth:.3g} rad/s", label, float(np.sqrt(fit.chi2 / fit.n_residuals)))
             point = fit.point
         assert fit is not None
@@ -140,10 +157,6 @@ class Workbench:
     def frequency(self) -> float:
         """Dominant angular frequency of the measured motion [rad/s]."""
         return dominant_frequency(self.setup.train)
-
-
-def _silent(stage: str, label: str, error: float) -> None:
-    return None
 
 
 def _finite(bound: float) -> float | None:
