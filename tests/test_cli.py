@@ -449,7 +449,7 @@ def test_interrupt_of_a_fit_is_a_sentence_and_130(study, monkeypatch):
 def test_interrupt_of_a_search_writes_the_best_so_far(study, monkeypatch):
     found = demo_run().discovery
     search = replace(found.search, interrupted=True)
-    monkeypatch.setattr(cli, "discover_study", lambda opened, report, jobs: replace(found, search=search))
+    monkeypatch.setattr(cli, "discover_study", lambda opened, **_: replace(found, search=search))
     result = run("discover", study, "--out", "results")
     assert result.exit_code == 0, result.output
     assert "The search was interrupted; this is the best so far." in result.stdout

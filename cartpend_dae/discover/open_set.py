@@ -1,6 +1,6 @@
 """Where the catalogue ends: what is left at the end, at which place, and the most that a law there could explain."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -111,8 +111,3 @@ def reach_of(seen: Portrait) -> Reach:
     low, high = float(seen.x.min()), float(seen.x.max())
     half = WIDER * max(high - low, 1e-12) / 2
     return Reach((low + high) / 2, half, WIDER * float(np.abs(seen.v).max()), SPARE * seen.rms)
-
-
-def with_errors(found: OpenSet, errors: Assessment) -> OpenSet:
-    """Return the same with the errors of the model with the best closure."""
-    return replace(found, errors=errors)

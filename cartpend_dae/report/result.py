@@ -18,6 +18,7 @@ from cartpend_dae.experiment_design import Ranking
 from cartpend_dae.identify import Estimate, Fit
 from cartpend_dae.likelihood import Profile, profile
 from cartpend_dae.problem import Problem
+from cartpend_dae.report.beyond import beyond_result
 from cartpend_dae.report.text import all_candidates, discovery_sentence, identification_sentence
 from cartpend_dae.session import Opened
 
@@ -137,6 +138,7 @@ def discovery_result(opened: Opened, discovery: Discovery, seconds: float) -> Js
             "gate": {"limit": LIMIT, "baseline": _gate(search.baseline_gate), "final": _gate(search.final_gate)},
             "interrupted": search.interrupted,
         }
+        | beyond_result(discovery.beyond)
     )
 
 
