@@ -147,7 +147,9 @@ def train(
     begin, compared = base
     point, found = dict(begin.point), None
     for bandwidth in bandwidths:
-        found = estimate(problem, bandwidth=bandwidth, guess=point, sd=sd, patient=False)
+        depends = [str((one.prefix, dict(one.values))) for one in (*taken, closure)], bandwidth, point, sd
+        at = {"bandwidth": bandwidth, "guess": point, "sd": sd}
+        found = bench.store.recall("closure", depends, lambda at=at: estimate(problem, **at, patient=False))
         bench.report(
             f"closure at {bandwidth:.3g} rad/s", closure.prefix, float(np.sqrt(found.chi2 / found.n_residuals))
         )

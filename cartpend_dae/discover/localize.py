@@ -110,6 +110,14 @@ def localize(
     SolverError
         If the model cannot be followed along its data.
     """
+    names = tuple(str((insertion.prefix, dict(insertion.values))) for insertion in taken)
+    depends = names, fit.point if fit is not None else None, only_at
+    return bench.store.recall("places", depends, lambda: _localized(bench, taken, fit, only_at))
+
+
+def _localized(
+    bench: Workbench, taken: tuple[Insertion, ...], fit: Fit | None, only_at: tuple[str, ...] | None
+) -> Localisation:
     unknown = unknown_inputs(bench, only_at)
     sd, guess = bench.problem(taken).prior_sd, fit.point if fit is not None else {}
     followed = bench.fit(taken, guess, (EARLY * bench.frequency, FOLLOW * bench.frequency), sd)

@@ -10,8 +10,8 @@ from cartpend_dae.discover.records import Regime, Search, Setup
 from cartpend_dae.discover.search import search
 from cartpend_dae.discover.split import Split, splits
 from cartpend_dae.discover.store import Store
-from cartpend_dae.discover.workbench import Workbench, assembled, augmented, renamed, set_values
-from cartpend_dae.effects import Card, Insertion, Place, catalogue, places
+from cartpend_dae.discover.workbench import Workbench, assembled, renamed, set_values
+from cartpend_dae.effects import Card, Insertion, Place, catalogue, insert_all, places
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.identify import Fit
 from cartpend_dae.language import Component
@@ -148,7 +148,7 @@ def prove(setup: Setup, outcome: Search, beyond: Beyond | None = None) -> Discov
     insertions = tuple(step.candidate.insertion for step in outcome.steps)
     before = _assess(setup, (), outcome.baseline, outcome.bandwidth)
     after = _assess(setup, insertions, outcome.final, outcome.bandwidth) if insertions else before
-    model_plus = augmented(setup.model, insertions)
+    model_plus = insert_all(setup.model, insertions)  # a copy, also without any
     set_values(model_plus, outcome.final.values_in())
     beyond = beyond or Beyond(None, (), ())
     if beyond.open_set is not None and beyond.open_set.closures:

@@ -7,6 +7,7 @@ run computes itself goes through the same file, so that it cannot differ from wh
 import json
 import os
 import shutil
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from hashlib import sha256
@@ -18,23 +19,11 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.assemble import assemble
-from cartpend_dae.data import Channel, Experiment, Start
-from cartpend_dae.discover.records import FreeSpec, Prediction, Setup
-from cartpend_dae.identify import Fit, RunFit
-from cartpend_dae.residual_noise import NoiseModel
-from cartpend_dae.study_schema import ScoreSpec
-from cartpend_dae.uncertainty import Estimate
-from cartpend_dae.unknowns import Prior
+from cartpend_dae.discover.records import Setup
 
 Value = TypeVar("Value")
 STAGES = "stages"
-KNOWN: dict[str, type] = {
-    cls.__name__: cls
-    for cls in (
-        *(Fit, RunFit, Estimate, NoiseModel, Prediction),
-        *(Experiment, Channel, Start, FreeSpec, Prior, ScoreSpec),
-    )
-}
+PACKAGE = __name__.partition(".")[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,9 +95,9 @@ def packed(value: Any, arrays: list[np.ndarray]) -> Any:  # noqa: ANN401 - any o
         return {type(value).__name__: [packed(item, arrays) for item in value]}
     if isinstance(value, Mapping):
         return {"dict": [[packed(k, arrays), packed(v, arrays)] for k, v in value.items()]}
-    if is_dataclass(value) and type(value).__name__ in KNOWN:
+    if is_dataclass(value) and not isinstance(value, type) and type(value).__module__.startswith(f"{PACKAGE}."):
         parts = {field.name: packed(getattr(value, field.name), arrays) for field in fields(value)}
-        return {"record": type(value).__name__, "parts": parts}
+        return {"record": f"{type(value).__module__}:{type(value).__qualname__}", "parts": parts}
     raise TypeError(f"A {type(value).__name__} cannot be kept as a stage.")
 
 
@@ -119,12 +108,21 @@ def unpacked(value: Any, arrays: Mapping[str, np.ndarray]) -> Any:  # noqa: ANN4
     if "array" in value:
         return arrays[f"a{value['array']}"]
     if "record" in value:
-        return KNOWN[value["record"]](**{name: unpacked(part, arrays) for name, part in value["parts"].items()})
+        return _record(value["record"])(**{name: unpacked(part, arrays) for name, part in value["parts"].items()})
     if "dict" in value:
         return {unpacked(k, arrays): unpacked(v, arrays) for k, v in value["dict"]}
     ((kind, items),) = value.items()
     found = [unpacked(item, arrays) for item in items]
     return tuple(found) if kind == "tuple" else found
+
+
+def _record(name: str) -> Callable[..., Any]:
+    """Return the data class of the package that a record was made of; nothing else is ever called."""
+    module, _, cls = name.partition(":")
+    found = vars(sys.modules[module])[cls] if module.startswith(f"{PACKAGE}.") else None
+    if not (isinstance(found, type) and is_dataclass(found)):
+        raise TypeError(f"{name} is no record of this package.")
+    return found
 
 
 def _write(path: Path, value: Any) -> None:  # noqa: ANN401 - any of the known
