@@ -102,8 +102,8 @@ def kept_stages(out: Path, *, resume: bool) -> Iterator[Kept]:
     try:
         yield kept
         is_interrupted = not kept.is_done
-    except KeyboardInterrupt:
-        is_interrupted = True
+    except BaseException as end:
+        is_interrupted = not isinstance(end, Exception)
         raise
     finally:
         if not is_interrupted:
