@@ -94,6 +94,7 @@ def open_set(bench: Workbench, search: Search) -> OpenSet:
     compared = search.final if search.bandwidth == last else bench.fit(taken, begin.point, (last,), sd)
     stages = (FOLLOW * bench.frequency, last) if is_free else (last,)
     found = []
+    bench.begin("closures", len(KINDS))
     for kind in KINDS:
         closure = closure_at(at_place(bench, at), kind, reach_of(seen))
         try:

@@ -89,6 +89,7 @@ def rates(
         return bench.store.recall("again", depends, found)
 
     results = []
+    bench.begin("placebo and power", len(tasks))
     for done, result in enumerate(in_parallel(again, tasks, jobs=bench.jobs), start=1):
         results.append(result)
         bench.report("placebo and power", f"{done} of {len(tasks)}", 1.0)

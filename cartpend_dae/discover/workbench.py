@@ -50,6 +50,12 @@ class Workbench:
         """Return the same workbench without reports, as for another process."""
         return replace(self, report=_silent)
 
+    def begin(self, stage: str, number: int) -> None:
+        """Say that so many candidates follow in a stage, to a `report` that has a method `begin`."""
+        announce = getattr(self.report, "begin", None)
+        if announce is not None:
+            announce(stage, number)
+
     def expect(self, sizes: Mapping[str, float]) -> None:
         """Remember how large parameters are about to be; the first word counts."""
         for name, value in sizes.items():
