@@ -19,9 +19,11 @@ from cartpend_dae.errors import StudyError
 from cartpend_dae.linearize import linearize as linearize_model
 from cartpend_dae.planning import design_study
 from cartpend_dae.report import tables
+from cartpend_dae.report.beyond import beyond_sentences
 from cartpend_dae.report.data_tables import data_json, data_sentences, data_tables
 from cartpend_dae.report.files import (
     check_folder,
+    kept_stages,
     write_design,
     write_discovery,
     write_identification,
@@ -272,9 +274,16 @@ def design(study: StudyFile, out: Out = None, jobs: Jobs = 1) -> None:
 
 @app.command()
 @spoken
-def discover(study: StudyFile, out: Out = None, jobs: Jobs = 1) -> None:
+def discover(
+    study: StudyFile,
+    out: Out = None,
+    jobs: Jobs = 1,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the last finished stage in the folder.")] = False,
+    placebo: Annotated[int, typer.Option(min=0, metavar="N", help="Repeat on N data sets that lack nothing.")] = 0,
+    power: Annotated[int, typer.Option(min=0, metavar="N", help="Repeat on N data sets without each effect.")] = 0,
+) -> None:
     """Find which physical effect the model of a study lacks, add it, refit, and show the error before and after."""
-    _discover(study, out or Path(f"{study.stem}-results"), jobs)
+    _discover(study, out or Path(f"{study.stem}-results"), jobs, resume=resume, placebo=placebo, power=power)
 
 
 @app.command()
@@ -307,13 +316,14 @@ def cache(clear: Annotated[bool, typer.Option("--clear", help="Delete what is ke
     say(console_of_results(), f"{done}, {size:.1f} MB, in {cache_folder()}")
 
 
-def _discover(study: Path, out: Path, jobs: int = 1) -> None:
+def _discover(study: Path, out: Path, jobs: int = 1, *, resume: bool = False, placebo: int = 0, power: int = 0) -> None:
     check_folder(out)
     begin = time.monotonic()
     opened = open_study(study)
-    with watched() as report:
-        discovery = discover_study(opened, report=report, jobs=jobs)
+    with kept_stages(out, resume=resume) as kept, watched() as report:
+        discovery = discover_study(opened, report=report, jobs=jobs, stages=kept.folder, placebo=placebo, power=power)
         write_discovery(out, opened, discovery, time.monotonic() - begin)
+        kept.is_done = not discovery.search.interrupted
     search = discovery.search
     console = console_of_results()
     if search.candidates:
@@ -323,7 +333,8 @@ def _discover(study: Path, out: Path, jobs: int = 1) -> None:
     if discovery.before.scores:
         console.print(tables.score_table(discovery.before, after))
     console.print(tables.estimate_table(search.baseline if search.steps else None, search.final, opened))
-    say(console, *remarks(search.final), *alias_sentence(search), discovery_sentence(discovery), f"Written: {out}")
+    sentences = (*remarks(search.final), *alias_sentence(search), *beyond_sentences(discovery))
+    say(console, *sentences, discovery_sentence(discovery), f"Written: {out}")
 
 
 def _opened(target: str) -> tuple[System, Opened | None]:

@@ -5,16 +5,15 @@ import math
 import os
 import signal
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 import typer
 from rich.console import Console
-from rich.text import Text
 
 from cartpend_dae.errors import CartpendError, StudyError
+from cartpend_dae.progress import Progress
 from cartpend_dae.session import Report
 
 
@@ -79,13 +78,13 @@ def complain(text: str) -> None:
 
 @contextmanager
 def watched() -> Iterator[Report]:
-    """Yield what prints a line for each fit to a terminal, and nothing elsewhere.
+    """Yield what shows the progress of fits, see `Progress`.
 
     The solver would take Ctrl-C for the end of one fit and hand on a point that is no optimum. So the fit
     under way is let through, and the interrupt raised after it; a second Ctrl-C acts at once.
     """
     console = Console(stderr=True, markup=False, highlight=False, emoji=False)
-    begin = time.monotonic()
+    progress = Progress(console)
     asked: list[int] = []
 
     def ask(number: int, frame: FrameType | None) -> None:
@@ -93,17 +92,20 @@ def watched() -> Iterator[Report]:
         signal.signal(signal.SIGINT, before)
         console.print("Stopping after the fit under way; Ctrl-C again stops at once.")
 
-    def report(stage: str, label: str, error: float) -> None:
-        if console.is_terminal:
-            elapsed = time.monotonic() - begin
-            line = f"{elapsed:6.1f} s  {stage:<20} residual {error:9.4g} x noise  {label}"
-            console.print(Text(line), no_wrap=True, overflow="ellipsis")
-        if asked:
-            asked.clear()
-            raise KeyboardInterrupt
+    class Watch:
+        """Shows each fit, and raises the interrupt that came during it."""
+
+        begin = staticmethod(progress.begin)
+
+        def __call__(self, stage: str, label: str, error: float) -> None:
+            progress(stage, label, error)
+            if asked:
+                asked.clear()
+                raise KeyboardInterrupt
 
     before = signal.signal(signal.SIGINT, ask)
     try:
-        yield report
+        yield Watch()
     finally:
+        progress.end()
         signal.signal(signal.SIGINT, before)

@@ -14,7 +14,7 @@ import numpy as np
 from cartpend_dae.assemble import assemble
 from cartpend_dae.assess import inverse_dynamics
 from cartpend_dae.data import Experiment
-from cartpend_dae.discover import Discovery, FreeSpec, Setup, discover
+from cartpend_dae.discover import Discovery, FreeSpec, Setup, discover, store_for
 from cartpend_dae.discover.prove import set_values
 from cartpend_dae.discover.records import Regime
 from cartpend_dae.discover.workbench import renamed
@@ -142,7 +142,15 @@ def solve_study(opened: Opened, *, report: Report | None = None, jobs: int = 1) 
     return fit_study(opened.setup, Route(options.starts, options.seed, jobs, options.exact), report or _silent)
 
 
-def discover_study(study: Opened | Path | str, *, report: Report | None = None, jobs: int = 1) -> Discovery:
+def discover_study(
+    study: Opened | Path | str,
+    *,
+    report: Report | None = None,
+    jobs: int = 1,
+    stages: Path | None = None,
+    placebo: int = 0,
+    power: int = 0,
+) -> Discovery:
     """Find what the model of a study lacks, add it, refit, and measure the error before and after.
 
     Parameters
@@ -153,6 +161,10 @@ def discover_study(study: Opened | Path | str, *, report: Report | None = None, 
         Called with (stage, candidate, residual in noise sds) after each fit.
     jobs
         Number of processes in which candidates are fitted; the result does not depend on it.
+    stages
+        Folder in which finished stages are kept; what is there already of the same study is not done again.
+    placebo, power
+        How often the search is repeated on data made from its outcome; see `discover.rates`.
     """
     opened = study if isinstance(study, Opened) else open_study(study)
     return discover(
@@ -163,7 +175,17 @@ def discover_study(study: Opened | Path | str, *, report: Report | None = None, 
         regime=opened.regime,
         report=report or _silent,
         jobs=jobs,
+        store=None if stages is None else store_for(opened.setup, stages, _further(opened)),
+        placebo=placebo,
+        power=power,
     )
+
+
+def _further(opened: Opened) -> tuple[object, ...]:
+    """Return what the result of a search depends on besides its setup and the package."""
+    options = opened.study.discover
+    own = tuple(file.read_bytes().hex() for file in options.cards)
+    return own, tuple(card.id for card in opened.cards), opened.places, options.max_steps, opened.regime
 
 
 def _silent(stage: str, label: str, error: float) -> None:

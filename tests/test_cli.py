@@ -63,8 +63,9 @@ def test_the_cache_is_shown_and_cleared(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["note.txt"]
 
 
-def test_demo_says_nothing_on_stderr_where_there_is_no_terminal():
-    assert demo_run().printed.stderr == ""
+def test_demo_says_nothing_but_its_progress_on_stderr_where_there_is_no_terminal():
+    # a line every 20 s, on a machine so slow
+    assert all(re.match(r" *\d+\.\d s  ", line) for line in demo_run().printed.stderr.splitlines())
 
 
 def test_demo_ships_the_model_and_the_study_of_the_repository():
@@ -450,7 +451,7 @@ def test_interrupt_of_a_fit_is_a_sentence_and_130(study, monkeypatch):
 def test_interrupt_of_a_search_writes_the_best_so_far(study, monkeypatch):
     found = demo_run().discovery
     search = replace(found.search, interrupted=True)
-    monkeypatch.setattr(cli, "discover_study", lambda opened, report, jobs: replace(found, search=search))
+    monkeypatch.setattr(cli, "discover_study", lambda opened, **_: replace(found, search=search))
     result = run("discover", study, "--out", "results")
     assert result.exit_code == 0, result.output
     assert "The search was interrupted; this is the best so far." in result.stdout

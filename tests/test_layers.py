@@ -86,6 +86,7 @@ LAYERS = """
     report.text
     plots animate
     report
+    progress
     console
     cli
     __main__

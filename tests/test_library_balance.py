@@ -20,7 +20,7 @@ from cartpend_dae.language import (
     ports_of,
     variables_of,
 )
-from cartpend_dae.library import electrical, rotational
+from cartpend_dae.library import electrical, rotational, translational
 from cartpend_dae.quantities import Discrete, Flow, Port
 from cartpend_dae.switching import Assign, When
 from cartpend_dae.units import parse, same_dimension
@@ -61,6 +61,8 @@ STRUCTURE = {
     "C": [[1.0, 0.0]],
     "weights": (),
     "of": (),
+    "i": 1,
+    "j": 2,
 }
 """Values of the fields that are no parameters and have no default."""
 
@@ -118,12 +120,15 @@ def test_composites_assemble(cls, value):
             self.part = make(cls, value)
             pins = [getattr(self.part, n) for n, p in ports_of(cls).items() if p.kind is electrical.Pin]
             flanges = [getattr(self.part, n) for n, p in ports_of(cls).items() if p.kind is rotational.Flange]
+            slides = [getattr(self.part, n) for n, p in ports_of(cls).items() if p.kind is translational.Flange]
+            self.masses = [translational.Mass(m=1.0) for _ in slides]
             self.grounds = [electrical.Ground() for _ in pins]
             self.wires = [electrical.Resistor(R=1.0) for _ in pins]  # a source must not be shorted
             self.loads = [rotational.Inertia(J=1.0) for _ in flanges]
             self.joints = [connect(pin, wire.pin_p) for pin, wire in zip(pins, self.wires, strict=True)]
             self.joints += [connect(w.pin_n, ground.pin) for w, ground in zip(self.wires, self.grounds, strict=True)]
             self.joints += [connect(f, load.flange_a) for f, load in zip(flanges, self.loads, strict=True)]
+            self.joints += [connect(f, mass.flange_a) for f, mass in zip(slides, self.masses, strict=True)]
 
         def equations(self):
             yield from self.joints

@@ -1,16 +1,41 @@
 """Stage 5: the error before and after, on all runs; the test runs are opened here for the first time."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 from cartpend_dae.assess import Assessment, assess
-from cartpend_dae.discover.records import Discovery, Regime, Search, Setup
+from cartpend_dae.discover.open_set import OpenSet, open_set
+from cartpend_dae.discover.rates import Rate, rates
+from cartpend_dae.discover.records import Regime, Search, Setup
 from cartpend_dae.discover.search import search
-from cartpend_dae.discover.workbench import Workbench, assembled, augmented, renamed
-from cartpend_dae.effects import Card, Insertion, catalogue, places
-from cartpend_dae.effects.walk import component_at
-from cartpend_dae.errors import ModelError
+from cartpend_dae.discover.split import Split, splits
+from cartpend_dae.discover.store import Store
+from cartpend_dae.discover.workbench import Workbench, assembled, renamed, set_values
+from cartpend_dae.effects import Card, Insertion, Place, catalogue, insert_all, places
+from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.identify import Fit
-from cartpend_dae.language import Component, bindings_of
+from cartpend_dae.language import Component
+
+
+@dataclass(frozen=True, slots=True)
+class Beyond:
+    """What a search left unexplained, what would tell its answers apart, and how far it can be trusted."""
+
+    open_set: OpenSet | None
+    splits: tuple[Split, ...]
+    rates: tuple[Rate, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Discovery:
+    """Everything that was found, before and after."""
+
+    setup: Setup
+    search: Search
+    before: Assessment
+    after: Assessment
+    model_plus: Component
+    beyond: Beyond = Beyond(None, (), ())
 
 
 def _silent(stage: str, label: str, error: float) -> None:
@@ -26,6 +51,9 @@ def discover(
     regime: Regime | None = None,
     report: Callable[[str, str, float], None] = _silent,
     jobs: int = 1,
+    store: Store | None = None,
+    placebo: int = 0,
+    power: int = 0,
 ) -> Discovery:
     """Find what a model lacks, add it, refit, and measure the error before and after.
 
@@ -45,12 +73,30 @@ def discover(
         Called with (stage, candidate, error) after each fit.
     jobs
         Number of processes in which candidates are fitted; the result does not depend on it.
+    store
+        Where finished stages are kept, and taken up again.
+    placebo, power
+        How often the search is repeated on data made from its outcome: with nothing missing, and for each accepted
+        effect without it; see `rates`.
 
     Raises
     ------
     ModelError
         If a place does not exist, or nothing may be tried.
     """
+    cards = cards or catalogue()
+    bench = Workbench(setup, report, jobs=jobs, store=store or Store())
+    outcome = search(bench, cards, _places(setup, cards, only_at), max_steps=max_steps, regime=regime)
+    found = Beyond(None, (), ())
+    if not outcome.interrupted:
+        try:
+            found = _beyond(bench, outcome, cards, only_at, regime, placebo, power)
+        except KeyboardInterrupt:
+            outcome = replace(outcome, interrupted=True)
+    return prove(setup, outcome, found)
+
+
+def _places(setup: Setup, cards: tuple[Card, ...], only_at: tuple[str, ...] | None) -> tuple[Place, ...]:
     measured = tuple(dict.fromkeys(name for experiment in setup.train for name in experiment.outputs))
     found = places(setup.model, measured, cards)
     if only_at is not None:
@@ -60,12 +106,34 @@ def discover(
                 listing = ", ".join(f"`{place}`" for place in known)
                 raise ModelError(f"`{name}` is no place for an effect in this model; the places are: {listing}.")
         found = tuple(place for place in found if place.at in only_at)
-    bench = Workbench(setup, report, jobs=jobs)
-    outcome = search(bench, cards or catalogue(), found, max_steps=max_steps, regime=regime)
-    return prove(setup, outcome)
+    return found
 
 
-def prove(setup: Setup, outcome: Search) -> Discovery:
+def _beyond(
+    bench: Workbench,
+    outcome: Search,
+    cards: tuple[Card, ...],
+    only_at: tuple[str, ...] | None,
+    regime: Regime | None,
+    placebo: int,
+    power: int,
+) -> Beyond:
+    """Look at what a search could not explain or tell apart, and at how far it can be trusted."""
+
+    def searcher(setup: Setup) -> Search:
+        quiet = Workbench(setup)
+        return search(quiet, cards, _places(setup, cards, None), max_steps=1, regime=regime)
+
+    left = None
+    if outcome.verdict in ("unexplained", "improved"):
+        try:
+            left = open_set(bench, outcome)
+        except (ModelError, SolverError) as error:
+            bench.report("what is left", str(error), float("nan"))
+    return Beyond(left, splits(bench, outcome), rates(bench, outcome, searcher, placebo=placebo, power=power))
+
+
+def prove(setup: Setup, outcome: Search, beyond: Beyond | None = None) -> Discovery:
     """Assess the model before and after on every run, the test runs included.
 
     Parameters
@@ -74,13 +142,20 @@ def prove(setup: Setup, outcome: Search) -> Discovery:
         The model and the runs.
     outcome
         What the search found on the training runs.
+    beyond
+        What else was found out; a closure in it is assessed as well.
     """
     insertions = tuple(step.candidate.insertion for step in outcome.steps)
     before = _assess(setup, (), outcome.baseline, outcome.bandwidth)
     after = _assess(setup, insertions, outcome.final, outcome.bandwidth) if insertions else before
-    model_plus = augmented(setup.model, insertions)
+    model_plus = insert_all(setup.model, insertions)  # a copy, also without any
     set_values(model_plus, outcome.final.values_in())
-    return Discovery(setup, outcome, before, after, model_plus)
+    beyond = beyond or Beyond(None, (), ())
+    if beyond.open_set is not None and beyond.open_set.closures:
+        best = beyond.open_set.closures[0]
+        errors = _assess(setup, (*insertions, best.insertion), best.fit, outcome.bandwidth)
+        beyond = replace(beyond, open_set=replace(beyond.open_set, errors=errors))
+    return Discovery(setup, outcome, before, after, model_plus, beyond)
 
 
 def _assess(setup: Setup, insertions: tuple[Insertion, ...], fit: Fit, bandwidth: float) -> Assessment:
@@ -90,10 +165,3 @@ def _assess(setup: Setup, insertions: tuple[Insertion, ...], fit: Fit, bandwidth
     for insertion in insertions:
         measured |= {new: old for old, new in (insertion.measured | insertion.driven).items()}
     return assess(system, fit, runs, setup.scores, bandwidth=bandwidth, step=setup.step, measured=measured)
-
-
-def set_values(model: Component, values: dict[str, float]) -> None:
-    """Set parameters of a model by their dotted names, SI."""
-    for name, value in values.items():
-        path, _, parameter = name.rpartition(".")
-        bindings_of(component_at(model, path))[parameter] = value

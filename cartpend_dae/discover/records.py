@@ -5,7 +5,6 @@ from typing import Literal
 
 import numpy as np
 
-from cartpend_dae.assess import Assessment
 from cartpend_dae.data import Experiment
 from cartpend_dae.effects import Insertion
 from cartpend_dae.identify import Fit, Method
@@ -82,6 +81,17 @@ class Candidate:
 
 
 @dataclass(frozen=True, slots=True)
+class Prediction:
+    """What a screen says of the option with a number, as it is kept; see `Candidate`."""
+
+    number: int
+    parameters: dict[str, float]
+    predicted: float
+    why_not: str
+    response: np.ndarray | None
+
+
+@dataclass(frozen=True, slots=True)
 class Step:
     """One accepted addition."""
 
@@ -104,14 +114,3 @@ class Search:
     candidates: tuple[Candidate, ...]
     verdict: Verdict
     interrupted: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Discovery:
-    """Everything that was found, before and after."""
-
-    setup: Setup
-    search: Search
-    before: Assessment
-    after: Assessment
-    model_plus: Component

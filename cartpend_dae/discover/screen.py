@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from cartpend_dae.discover.records import Candidate
+from cartpend_dae.discover.records import Candidate, Prediction
 from cartpend_dae.discover.sweep import Sweep, one_by_one, sweep
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place, fits
@@ -57,14 +57,31 @@ def screen(
         Candidates without a fit, the most promising first; `why_not` is set where there is nothing to fit. Each
         effect stands once at a place, with the start that promises most.
     """
+    names = tuple(str((option.prefix, dict(option.values))) for option in (*taken, *options))
+    depends = names, len(taken), dict(point), bandwidth, sd
+    kept = bench.store.recall("screen", depends, lambda: _kept(bench, taken, point, options, bandwidth, sd))
     found = [
-        candidate for batch in _batches(options) for candidate in _screened(bench, taken, point, batch, bandwidth, sd)
+        Candidate(options[p.number], p.parameters, p.predicted, 0.0, 0.0, None, p.why_not, p.response) for p in kept
     ]
     ranked = sorted(found, key=lambda candidate: (bool(candidate.why_not), -candidate.predicted))
     best: dict[str, Candidate] = {}
     for candidate in ranked:
         best.setdefault(candidate.insertion.prefix, candidate)
     return list(best.values())
+
+
+def _kept(
+    bench: Workbench,
+    taken: tuple[Insertion, ...],
+    point: Mapping[str, float],
+    options: list[Insertion],
+    bandwidth: float,
+    sd: np.ndarray,
+) -> list[Prediction]:
+    """Screen all, as it can be kept on disk."""
+    found = (c for batch in _batches(options) for c in _screened(bench, taken, point, batch, bandwidth, sd))
+    number = {id(option): k for k, option in enumerate(options)}
+    return [Prediction(number[id(c.insertion)], c.parameters, c.predicted, c.why_not, c.response) for c in found]
 
 
 def _batches(options: list[Insertion]) -> list[tuple[Insertion, ...]]:

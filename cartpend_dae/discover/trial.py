@@ -79,6 +79,7 @@ def _each(
     bench: Workbench, items: list[Candidate], work: Callable[[Workbench, Candidate], Candidate], stage: str
 ) -> list[Candidate]:
     """Do a work on each candidate, in several processes if the workbench has them; failures say why."""
+    bench.begin(stage, len(items))
     is_shared = bench.jobs > 1
     at = bench.quiet() if is_shared else bench
 

@@ -8,10 +8,13 @@ import numpy as np
 from cartpend_dae.assemble import assemble
 from cartpend_dae.data import Experiment
 from cartpend_dae.discover.records import Setup
+from cartpend_dae.discover.store import Store
 from cartpend_dae.effects import Insertion, insert_all
+from cartpend_dae.effects.walk import component_at
+from cartpend_dae.errors import SolverError
 from cartpend_dae.gauss_newton import ITERATIONS
 from cartpend_dae.identify import Fit, estimate
-from cartpend_dae.language import Component
+from cartpend_dae.language import Component, bindings_of
 from cartpend_dae.problem import Problem, dominant_frequency, free_parameter, make_problem
 from cartpend_dae.shooting import Linearisation, linearised
 from cartpend_dae.system import System
@@ -22,23 +25,36 @@ Report = Callable[[str, str, float], None]
 COARSE = 1.0
 
 
+def _silent(stage: str, label: str, error: float) -> None:
+    return None
+
+
 @dataclass(slots=True)
 class Workbench:
     """Builds and solves the estimation problems of one study; `report` hears of each fit.
 
     `problems` are those made so far, by the effects in them, and `sizes` what parameters of effects were predicted to
-    be when they were first tried, by which they are scaled. Candidates are fitted in `jobs` processes.
+    be when they were first tried, by which they are scaled; `scales` are those of each problem. Candidates are fitted
+    in `jobs` processes. Finished stages are kept in a `store`.
     """
 
     setup: Setup
-    report: Report
+    report: Report = _silent
     problems: dict[tuple[str, ...], Problem] = field(default_factory=dict)
     sizes: dict[str, float] = field(default_factory=dict)
     jobs: int = 1
+    store: Store = field(default_factory=Store)
+    scales: dict[tuple[str, ...], dict[str, float]] = field(default_factory=dict)
 
     def quiet(self) -> "Workbench":
         """Return the same workbench without reports, as for another process."""
         return replace(self, report=_silent)
+
+    def begin(self, stage: str, number: int) -> None:
+        """Say that so many candidates follow in a stage, to a `report` that has a method `begin`."""
+        announce = getattr(self.report, "begin", None)
+        if announce is not None:
+            announce(stage, number)
 
     def expect(self, sizes: Mapping[str, float]) -> None:
         """Remember how large parameters are about to be; the first word counts."""
@@ -47,16 +63,34 @@ class Workbench:
 
     def problem(self, insertions: tuple[Insertion, ...]) -> Problem:
         """Return the problem of the model with effects on the training runs."""
-        key = tuple(str((insertion.prefix, dict(insertion.values))) for insertion in insertions)
+        key = _key(insertions)
         if key not in self.problems:
-            self.problems[key] = self.build(insertions, self.setup.train)
+            system = assembled(self.setup.model, insertions, self.setup.train)
+            free = self._free(system, insertions, self.scales_of(insertions))
+            runs = renamed(self.setup.train, insertions)
+            self.problems[key] = self._problem(system, free, runs, self.setup.step)
         return self.problems[key]
+
+    def scales_of(self, insertions: tuple[Insertion, ...]) -> dict[str, float]:
+        """Return the sizes by which the problem of effects is scaled, which do not change once it was asked for."""
+        names = {name for insertion in insertions for name in insertion.starts}
+        known = {name: size for name, size in self.sizes.items() if name in names}
+        return self.scales.setdefault(_key(insertions), known)
 
     def build(self, insertions: tuple[Insertion, ...], experiments: tuple[Experiment, ...]) -> Problem:
         """Make a problem on given runs."""
         system = assembled(self.setup.model, insertions, experiments)
         free = self._free(system, insertions)
         return self._problem(system, free, renamed(experiments, insertions), self.setup.step)
+
+    def with_weights(
+        self, taken: tuple[Insertion, ...], closure: Insertion, weights: Callable[[System], tuple[Free, ...]]
+    ) -> Problem:
+        """Make a problem with a closure on the training runs, whose free weights are those of its system."""
+        inside = (*taken, closure)
+        system = assembled(self.setup.model, inside, self.setup.train)
+        free = (*self._free(system, taken), *weights(system))
+        return self._problem(system, free, renamed(self.setup.train, inside), self.setup.step)
 
     def problem_of(
         self, system: System, taken: tuple[Insertion, ...], inside: tuple[Insertion, ...], *, coarse: bool = False
@@ -81,7 +115,10 @@ class Workbench:
         ties = tuple(tie(system, name, text) for name, text in setup.ties)
         return make_problem(system, free, runs, step=step, ties=ties, huber=setup.huber)
 
-    def _free(self, system: System, insertions: tuple[Insertion, ...]) -> tuple[Free, ...]:
+    def _free(
+        self, system: System, insertions: tuple[Insertion, ...], scales: Mapping[str, float] | None = None
+    ) -> tuple[Free, ...]:
+        sizes = self.sizes if scales is None else scales
         free: list[Free] = []
         for spec in self.setup.free:
             free.append(
@@ -98,7 +135,7 @@ class Workbench:
             )
         for insertion in insertions:
             for (name, start), item in zip(insertion.starts.items(), insertion.parameters, strict=True):
-                known = self.sizes.get(name) or None
+                known = sizes.get(name) or None
                 lower, upper = (_finite(bound) for bound in item.bounds_at(insertion.place.kind))
                 free.append(free_parameter(system, name, guess=start, lower=lower, upper=upper, scale=known))
         return tuple(free)
@@ -114,26 +151,45 @@ class Workbench:
         iterations: int | None = None,
     ) -> Fit:
         """Fit along decreasing output injection, each stage from the last; `patient` as of `estimate`."""
-        problem = self.problem(insertions)
+        scales = self.scales_of(insertions)
         label = " + ".join(insertion.prefix for insertion in insertions) or "baseline"
         point = dict(guess)
         most = iterations or self.setup.max_iterations or ITERATIONS
         fit: Fit | None = None
         for bandwidth in bandwidths:
-            fit = estimate(
+            options = (bandwidth, point, sd, patient, most)
+            fit = self.store.recall(
+                "fit", (_key(insertions), scales, options), lambda o=options: self._fit(insertions, *o)
+            )
+            self.report(f"fit at {bandwidth:.3g} rad/s", label, float(np.sqrt(fit.chi2 / fit.n_residuals)))
+            point = fit.point
+        assert fit is not None
+        return fit
+
+    def _fit(
+        self,
+        insertions: tuple[Insertion, ...],
+        bandwidth: float,
+        guess: Mapping[str, float],
+        sd: np.ndarray,
+        patient: bool,
+        most: int,
+    ) -> Fit:
+        problem = self.problem(insertions)
+        try:
+            return estimate(
                 problem,
                 bandwidth=bandwidth,
-                guess=point,
+                guess=guess,
                 sd=sd,
                 patient=patient,
                 iterations=most,
                 method=self.setup.method,
                 hessian=self.setup.hessian,
             )
-            self.report(f"fit at {bandwidth:.3g} rad/s", label, float(np.sqrt(fit.chi2 / fit.n_residuals)))
-            point = fit.point
-        assert fit is not None
-        return fit
+        except np.linalg.LinAlgError:
+            names = ", ".join(insertion.prefix for insertion in insertions)
+            raise SolverError(f"A fit with {names} ends in numbers that cannot be computed with.") from None
 
     def linearised(
         self, insertions: tuple[Insertion, ...], point: Mapping[str, float], bandwidth: float, sd: np.ndarray
@@ -151,8 +207,8 @@ class Workbench:
         return dominant_frequency(self.setup.train)
 
 
-def _silent(stage: str, label: str, error: float) -> None:
-    return None
+def _key(insertions: tuple[Insertion, ...]) -> tuple[str, ...]:
+    return tuple(str((insertion.prefix, dict(insertion.values))) for insertion in insertions)
 
 
 def _finite(bound: float) -> float | None:
@@ -190,3 +246,10 @@ def renamed(experiments: tuple[Experiment, ...], insertions: tuple[Insertion, ..
         )
         for experiment in experiments
     )
+
+
+def set_values(model: Component, values: Mapping[str, float]) -> None:
+    """Set parameters of a model by their dotted names, SI."""
+    for name, value in values.items():
+        path, _, parameter = name.rpartition(".")
+        bindings_of(component_at(model, path))[parameter] = value

@@ -1,6 +1,7 @@
 """Components of mechanics, circuits and signals; ordinary ones, as a user would write them."""
 
 from cartpend_dae.library import (
+    closures,
     controllers,
     converters,
     electrical,
@@ -34,6 +35,7 @@ from cartpend_dae.library import (
 )
 
 __all__ = [
+    "closures",
     "controllers",
     "converters",
     "electrical",

@@ -6,6 +6,7 @@ import re
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,12 @@ from cartpend_dae.assess import Assessment, RunError
 from cartpend_dae.data import Trajectory
 from cartpend_dae.discover import Discovery
 from cartpend_dae.discover.records import Search
+from cartpend_dae.discover.store import STAGES
 from cartpend_dae.errors import StudyError
 from cartpend_dae.experiment_design import Ranking
 from cartpend_dae.identify import Fit
 from cartpend_dae.report.ahead import ahead_of_discovery, ahead_of_fit
+from cartpend_dae.report.beyond import unknown_table
 from cartpend_dae.report.model_plus import model_plus_source
 from cartpend_dae.report.page import write_page
 from cartpend_dae.report.result import Identification, design_result, discovery_result, identification_result, plain
@@ -29,7 +32,7 @@ from cartpend_dae.report.text import all_candidates
 from cartpend_dae.session import Opened
 from cartpend_dae.system import System
 
-TAKEN = ("parameters", "candidates", "residuals", "result", "model_plus", "report")
+TAKEN = ("parameters", "candidates", "residuals", "result", "model_plus", "report", "unknown_inputs", STAGES)
 
 
 def check_folder(folder: Path) -> None:
@@ -79,6 +82,38 @@ def complete(folder: Path) -> Iterator[Path]:
         raise StudyError(f"{folder}: the results cannot be written: {error.strerror or error}.") from error
 
 
+@dataclass(slots=True)
+class Kept:
+    """The folder in which the stages of a discovery are kept until it `is_done`."""
+
+    folder: Path
+    is_done: bool = False
+
+
+@contextmanager
+def kept_stages(out: Path, *, resume: bool) -> Iterator[Kept]:
+    """Yield where a discovery keeps its stages, inside the folder of its results.
+
+    Without `resume`, what an earlier one left there is forgotten. What is kept goes with the end of the discovery, and
+    with its failure, which would come again; an interruption leaves it.
+    """
+    kept, is_new = Kept(out / STAGES), not out.is_dir()
+    if not resume:
+        shutil.rmtree(kept.folder, ignore_errors=True)
+    is_interrupted = False
+    try:
+        yield kept
+        is_interrupted = not kept.is_done
+    except BaseException as end:
+        is_interrupted = not isinstance(end, Exception)
+        raise
+    finally:
+        if not is_interrupted:
+            shutil.rmtree(kept.folder, ignore_errors=True)
+            if is_new and out.is_dir() and not any(out.iterdir()):
+                out.rmdir()
+
+
 def write_discovery(folder: Path, opened: Opened, discovery: Discovery, seconds: float) -> dict[str, Any]:
     """Write all results of `discover` to a folder, and return what stands in `result.json`."""
     search = discovery.search
@@ -91,6 +126,8 @@ def write_discovery(folder: Path, opened: Opened, discovery: Discovery, seconds:
         _json(partial / "result.json", result)
         _parameters(partial / "parameters.csv", opened, {"before": search.baseline, "after": search.final})
         _candidates(partial / "candidates.csv", search)
+        if discovery.beyond.open_set is not None:
+            unknown_table(discovery.beyond.open_set).to_csv(partial / "unknown_inputs.csv", index=False)
         if search.candidates:
             _figure(partial / "candidates.png", plots.candidate_figure(search))
         write_page(partial)

@@ -19,6 +19,7 @@ from cartpend_dae.likelihood import Profile, profile
 from cartpend_dae.problem import Problem
 from cartpend_dae.report.diagram import diagram_json
 from cartpend_dae.report.ledger import command_line, ledger, package_version
+from cartpend_dae.report.beyond import beyond_result
 from cartpend_dae.report.text import all_candidates, discovery_sentence, identification_sentence
 from cartpend_dae.session import Opened
 
@@ -149,6 +150,7 @@ def discovery_result(opened: Opened, discovery: Discovery, seconds: float) -> Js
             "interrupted": search.interrupted,
             "command_line": command_line("discover", opened),
         }
+        | beyond_result(discovery.beyond)
     )
 
 

@@ -88,15 +88,16 @@ def discovery_sentence(discovery: Discovery) -> str:
         )
     if not search.steps and search.interrupted:
         return f"The search was interrupted before an effect was accepted; {model} is calibrated as it was."
+    what = f" {discovery.beyond.open_set.sentence}" if discovery.beyond.open_set is not None else ""
     if not search.steps:
-        return _unexplained(search, model)
+        return _unexplained(search, model) + what
     left = search.final_gate
     rest = (
         f" What is left is still more than noise (z = {left.largest:.1f}, limit {LIMIT:g})."
         if search.verdict == "improved"
         else " What is left is no more than noise."
     )
-    return f"{begun}{_lacked(search)}; {_errors_fell(discovery.before, discovery.after)}.{rest}"
+    return f"{begun}{_lacked(search)}; {_errors_fell(discovery.before, discovery.after)}.{rest}{what}"
 
 
 def residual_name(bandwidth: float) -> str:

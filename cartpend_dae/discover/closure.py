@@ -1,0 +1,160 @@
+"""Laws without a name at a port, trained in the same programme as the parameters of the model.
+
+What a spline, a Gaussian process and a small neural network of displacement and speed can explain at a place is the
+most that any such law could explain there, and a placeholder for the one that is not in the catalogue.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from cartpend_dae.discover.evidence import coloured_bic
+from cartpend_dae.discover.gate import residuals
+from cartpend_dae.discover.records import Gate
+from cartpend_dae.discover.workbench import Workbench
+from cartpend_dae.effects import Card, Insertion, Place, choice
+from cartpend_dae.effects.card import R, T
+from cartpend_dae.errors import ModelError, SolverError
+from cartpend_dae.identify import Fit, estimate
+from cartpend_dae.library import closures
+from cartpend_dae.system import System
+from cartpend_dae.unknowns import Free, Prior
+
+ClosureKind = Literal["spline", "process", "network"]
+KINDS: tuple[ClosureKind, ...] = get_args(ClosureKind)
+_CLASSES = {
+    "spline": (closures.TurningSpline, closures.SlidingSpline),
+    "process": (closures.TurningProcess, closures.SlidingProcess),
+    "network": (closures.TurningNetwork, closures.SlidingNetwork),
+}
+_WORDS = {"spline": "splines", "process": "a Gaussian process", "network": "a neural network"}
+# parameters of a closure that are numbers of its place, and not learned; at a shaft, and on a line
+_GIVEN = (("tau_0", "f_0"), ("phi_m", "s_m"), ("phi_0", "s_0"), ("w_0", "v_0"))
+# weights of outputs are known to be of order one, those inside a neuron to be near where they start
+WEIGHT = 1.0
+# force of the closure's prior over the rms of what is missing
+SPARE = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Closure:
+    """A closure at a place, trained: `gain` is by how much the criterion fell, `gate` what is left behind it."""
+
+    kind: ClosureKind
+    insertion: Insertion
+    fit: Fit
+    gain: float
+    gate: Gate
+
+    @property
+    def words(self) -> str:
+        """What it is, in a sentence."""
+        return _WORDS[self.kind]
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """What a closure must cover at its place, SI: middle and half of the range of positions, speed, size of force."""
+
+    middle: float
+    half: float
+    speed: float
+    force: float
+
+
+def closure_card(kind: ClosureKind) -> Card:
+    """Return the card of a closure, which no search tries: it fits any port between two flanges."""
+    turning, sliding = _CLASSES[kind]
+    return Card(
+        id=f"{kind}_closure",
+        summary=f"a law of displacement and speed by {_WORDS[kind]}",
+        insertion="parallel",
+        components={R: turning, T: sliding},
+        parameters=tuple(choice(name, (1.0,), (other, (1.0,))) for name, other in _GIVEN),
+        dissipative=False,
+        nested_in=(),
+        equivalent_to={},
+        regressors=("x", "v"),
+        excited_by="motion that covers the plane of displacement and speed",
+        source="see cartpend_dae/library/closures.py",
+    )
+
+
+def closure_at(place: Place, kind: ClosureKind, reach: Reach) -> Insertion:
+    """Return a closure at a place, as an effect that can be inserted into the model.
+
+    Raises
+    ------
+    ModelError
+        If the place is no port between two flanges.
+    """
+    if place.insertion != "parallel" or place.kind not in (R, T):
+        raise ModelError(f"`{place.at}` is no place for a closure, which stands between two flanges.")
+    numbers = (reach.force, reach.middle, reach.half, reach.speed)
+    names = (pair[place.kind is T] for pair in _GIVEN)
+    return Insertion(closure_card(kind), place, dict(zip(names, numbers, strict=True)))
+
+
+def kind_of(closure: Insertion) -> ClosureKind:
+    """Return what kind of closure an effect is."""
+    kinds: dict[str, ClosureKind] = {f"{kind}_closure": kind for kind in KINDS}
+    return kinds[closure.card.id]
+
+
+def weights(system: System, closure: Insertion) -> tuple[Free, ...]:
+    """Return the weights of a closure as free parameters with their priors."""
+    found = []
+    for parameter in system.parameters:
+        path, _, name = parameter.name.rpartition(".")
+        if path.startswith(f"{closure.prefix}.") and parameter.value is not None:
+            prior = Prior(0.0 if name == "a" else parameter.value, WEIGHT)
+            found.append(Free(parameter.name, parameter.value, -np.inf, np.inf, 1.0, "1", prior=prior))
+    return tuple(found)
+
+
+def train(
+    bench: Workbench,
+    taken: tuple[Insertion, ...],
+    base: tuple[Fit, Fit],
+    closure: Insertion,
+    bandwidths: tuple[float, ...],
+    sd: np.ndarray,
+) -> Closure:
+    """Train a closure and refit the model with it, along decreasing output injection.
+
+    Parameters
+    ----------
+    bench
+        The workbench.
+    taken
+        Effects in the model already.
+    base
+        Fits without the closure: the one to begin from, and the one to compare with, at the last bandwidth.
+    closure
+        The closure at its place, see `closure_at`.
+    bandwidths
+        Bandwidths of the output injection, one after the other [rad/s].
+    sd
+        Noise used as weight, shape (n_y,).
+
+    Raises
+    ------
+    SolverError
+        If no fit ends with a usable point.
+    """
+    problem = bench.with_weights(taken, closure, lambda system: weights(system, closure))
+    begin, compared = base
+    point, found = dict(begin.point), None
+    for bandwidth in bandwidths:
+        depends = [str((one.prefix, dict(one.values))) for one in (*taken, closure)], bandwidth, point, sd
+        at = {"bandwidth": bandwidth, "guess": point, "sd": sd}
+        found = bench.store.recall("closure", depends, lambda at=at: estimate(problem, **at, patient=False))
+        bench.report(
+            f"closure at {bandwidth:.3g} rad/s", closure.prefix, float(np.sqrt(found.chi2 / found.n_residuals))
+        )
+        point = found.point
+    assert found is not None
+    if not np.isfinite(found.chi2):
+        raise SolverError(f"The model with `{closure.prefix}` diverges.")
+    return Closure(kind_of(closure), closure, found, coloured_bic(compared) - coloured_bic(found), residuals(found))

@@ -1,0 +1,197 @@
+"""Which experiment would tell two answers apart that the runs of a study cannot.
+
+For each pair, candidate inputs and releases are ranked by how far the outputs of both models would lie apart, after the
+rival has been allowed to move its parameters as far as the runs so far let it.
+
+References
+----------
+A. C. Atkinson, V. V. Fedorov, "The design of experiments for discriminating between two rival models", Biometrika 62
+(1975), 57-70, doi:10.1093/biomet/62.1.57.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cartpend_dae.data import Experiment
+from cartpend_dae.discover.records import Candidate, Search, Step
+from cartpend_dae.discover.workbench import Workbench, assembled, renamed
+from cartpend_dae.effects import Insertion
+from cartpend_dae.errors import ModelError, SolverError
+from cartpend_dae.experiment_design import Plan, candidates
+from cartpend_dae.identify import Fit
+from cartpend_dae.problem import Problem, dominant_frequency
+from cartpend_dae.shooting import linearised, predict, run_through, scaled_values, sensitivities
+from cartpend_dae.transcribe import stack_data
+
+# twice the log likelihood ratio at which one of two models is as good as refuted
+CLEAR = 20.0
+# largest inputs and releases over those of the runs
+FARTHER = 2.0
+DURATION, MOST_SAMPLES = 10.0, 2000
+
+
+@dataclass(frozen=True, slots=True)
+class Split:
+    """What would tell an answer from a rival: experiments by the distance of both, in twice the log likelihood."""
+
+    chosen: str
+    rival: str
+    ranking: tuple[tuple[str, float], ...]
+
+    @property
+    def sentence(self) -> str:
+        """What to do next, in words."""
+        if not self.ranking:
+            return f"No experiment could be simulated that tells `{self.chosen}` from `{self.rival}`."
+        name, distance = self.ranking[0]
+        if distance < CLEAR:
+            return (
+                f"None of {len(self.ranking)} experiments tells `{self.chosen}` from `{self.rival}` "
+                f"(at most {distance:.2g}, {CLEAR:g} would do): another sensor is needed."
+            )
+        return f"To tell `{self.chosen}` from `{self.rival}`, record: {name} (evidence about {distance:.3g})."
+
+
+def splits(bench: Workbench, search: Search, *, plan: Plan | None = None) -> tuple[Split, ...]:
+    """Rank experiments for each accepted effect and each rival that the runs cannot tell from it.
+
+    Parameters
+    ----------
+    bench
+        The workbench of the search.
+    search
+        Its outcome.
+    plan
+        What experiments may be; from the runs, up to twice as large, if None.
+    """
+    found = []
+    taken = tuple(step.candidate.insertion for step in search.steps)
+    for step in search.steps:
+        others = tuple(i for i in taken if i.prefix != step.candidate.insertion.prefix)
+        for rival in _rivals(search, step):
+            try:
+                fit = bench.fit(
+                    (*others, rival.insertion),
+                    search.final.point | rival.parameters,
+                    (search.bandwidth,),
+                    search.final.weights_sd,
+                    patient=False,
+                )
+                ranking = _ranked(bench, (taken, search.final), ((*others, rival.insertion), fit), plan or _plan(bench))
+            except (SolverError, ModelError):
+                continue
+            found.append(Split(step.candidate.insertion.prefix, rival.insertion.prefix, ranking))
+    return tuple(found)
+
+
+def _rivals(search: Search, step: Step) -> list[Candidate]:
+    """Return the candidates that an accepted effect cannot be told from, apart from places that move alike."""
+    names = set(step.aliases)
+    return [
+        c
+        for c in search.candidates
+        if f"{c.insertion.card.id} at {c.insertion.place.at}" in names
+        and c.insertion.prefix != step.candidate.insertion.prefix
+        and c.parameters
+    ]
+
+
+def _plan(bench: Workbench) -> Plan:
+    """Return what experiments may be: as the runs, twice as large."""
+    runs = bench.setup.train
+    rate = 1 / float(np.median(np.concatenate([np.diff(run.time) for run in runs])))
+    duration = min(DURATION, max(float(np.ptp(run.time)) for run in runs), MOST_SAMPLES / rate)
+    high = min(5 * dominant_frequency(runs) / (2 * np.pi), rate / 10)
+    limits: dict[str, float] = {}
+    for run in runs:
+        for name, channel in run.inputs.items():
+            limits[name] = max(limits.get(name, 0.0), FARTHER * float(np.abs(channel.values).max()))
+        for name, start in run.start.items():
+            value = abs(start.value or 0.0)
+            if name in run.outputs and value > 0:
+                limits[name] = max(limits.get(name, 0.0), FARTHER * value)
+    if not limits:
+        name = next(iter(runs[0].outputs))
+        limits[name] = FARTHER * max(float(np.nanmax(np.abs(run.outputs[name].values))) for run in runs)
+    problem = bench.problem(())
+    noise = dict(zip(problem.outputs, problem.prior_sd.tolist(), strict=True))
+    return Plan(limits, noise, duration, rate, min(2 / duration, high / 2), high)
+
+
+def _ranked(
+    bench: Workbench,
+    one: tuple[tuple[Insertion, ...], Fit],
+    other: tuple[tuple[Insertion, ...], Fit],
+    plan: Plan,
+) -> tuple[tuple[str, float], ...]:
+    """Return the experiments of a plan by the distance of two models."""
+    base = assembled(bench.setup.model, (), bench.setup.train)
+    runs = candidates(base, plan)
+    sd = np.array([plan.noise[name] for name in bench.problem(()).outputs])
+    problems = [bench.build(effects, (runs[0],)) for effects, _ in (one, other)]
+    values = [fit.values_in() for _, fit in (one, other)]
+    known = _information(bench, *other, problems[1])
+    found = []
+    for run in runs:
+        made = [
+            problem.with_runs(renamed((run,), effects))
+            for problem, (effects, _) in zip(problems, (one, other), strict=True)
+        ]
+        try:
+            distance = _distance(made[0], values[0], made[1], values[1], known, sd)
+        except SolverError:
+            continue
+        if np.isfinite(distance):
+            found.append((run.name, distance))
+    return tuple(sorted(found, key=lambda item: -item[1]))
+
+
+def _information(bench: Workbench, effects: tuple[Insertion, ...], fit: Fit, problem: Problem) -> np.ndarray:
+    """Return what the runs so far say of the scaled parameters of a problem on other runs, starts taken out."""
+    linear = linearised(bench.problem(effects), fit.point, float(fit.bandwidth[0]), fit.noise_sd)
+    gram, n = linear.grams.sum(axis=0), len(fit.parameters)
+    inside = gram[:n, :n] - gram[:n, n:] @ np.linalg.pinv(gram[n:, n:], hermitian=True) @ gram[n:, :n]
+    names = [item.name for item in linear.variables[:n]]
+    scales = np.array([item.slope(value) for item, value in zip(linear.variables[:n], linear.values, strict=False)])
+    rows = [names.index(item.name) if item.name in names else -1 for item in problem.layout.free]
+    point = scaled_values(problem, fit.values_in())
+    own = np.array([item.slope(value) for item, value in zip(problem.layout.free, point, strict=False)])
+    found = np.zeros((len(rows), len(rows)))
+    for i, a in enumerate(rows):
+        for j, b in enumerate(rows):
+            if a >= 0 and b >= 0:
+                found[i, j] = inside[a, b] / (scales[a] * scales[b]) * own[i] * own[j]
+    return found
+
+
+def _distance(
+    one: Problem,
+    at_one: Mapping[str, float],
+    other: Problem,
+    at_other: Mapping[str, float],
+    known: np.ndarray,
+    sd: np.ndarray,
+) -> float:
+    """Return the squared distance of two models on a run, in noise sds, the other's parameters moved to the first."""
+    truth = predict(one, at_one, 0.0)
+    if not np.all(np.isfinite(truth)):
+        raise SolverError("It diverges.")
+    values, w = scaled_values(other, at_other), np.zeros(len(other.outputs))
+    data = stack_data(other.layout, _measured(other.experiments, other.outputs, truth), 1.0 / sd)
+    layout = other.layout
+    nodes = run_through(other, values, w, data)[1][:, :: layout.length]
+    found = sensitivities(other, values, nodes, w, data)
+    residual, slopes = found.residuals.ravel(), found.slopes.reshape(-1, values.size)
+    pull, n = slopes.T @ residual, len(layout.free)
+    gram = slopes.T @ slopes
+    gram[:n, :n] += known
+    moved = np.linalg.lstsq(gram, pull, rcond=1e-12)[0]
+    return float(residual @ residual - pull @ moved)
+
+
+def _measured(runs: tuple[Experiment, ...], names: tuple[str, ...], values: np.ndarray) -> tuple[Experiment, ...]:
+    (run,) = runs
+    outputs = {name: replace(run.outputs[name], values=values[:, column]) for column, name in enumerate(names)}
+    return (replace(run, outputs=outputs),)

@@ -1,0 +1,167 @@
+"""Finished stages of a discovery on disk, by the content of all that they depend on, so that a run can be taken up.
+
+A stage is a file of arrays (npz) with a description of how they belong together (JSON); nothing is unpickled. What a
+run computes itself goes through the same file, so that it cannot differ from what it would have read.
+"""
+
+import json
+import os
+import shutil
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, TypeVar
+
+import casadi as ca
+import numpy as np
+
+from cartpend_dae.assemble import assemble
+from cartpend_dae.discover.records import Setup
+
+Value = TypeVar("Value")
+STAGES = "stages"
+PACKAGE = __name__.partition(".")[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Store:
+    """Stages in a folder, of one study by one version of the package; without a folder nothing is kept."""
+
+    folder: Path | None = None
+    study: str = ""
+
+    def recall(self, stage: str, depends: Any, make: Callable[[], Value]) -> Value:  # noqa: ANN401 - what `packed` takes
+        """Return what a stage gives, from its file if it was finished before.
+
+        Parameters
+        ----------
+        stage
+            Its name.
+        depends
+            All that it depends on besides the study: numbers, texts, arrays, records, and containers of them.
+        make
+            Does the work; what it raises is not kept.
+        """
+        if self.folder is None:
+            return make()
+        path = self.folder / f"{stage}-{digest((self.study, depends))}.npz"
+        if not path.is_file():
+            _write(path, make())
+        return _read(path)
+
+    def clear(self) -> None:
+        """Forget all stages."""
+        if self.folder is not None:
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def store_for(setup: Setup, folder: Path, further: Any = ()) -> Store:  # noqa: ANN401 - as of `digest`
+    """Return the store of a study in a folder; `further` is what else its results depend on."""
+    folder.mkdir(parents=True, exist_ok=True)
+    return Store(folder, digest((_package(), _content(setup), further)))
+
+
+def digest(value: Any) -> str:  # noqa: ANN401 - what `packed` takes
+    """Return a hash of the content of numbers, texts, arrays, records, and containers of them."""
+    arrays: list[np.ndarray] = []
+    found = sha256(json.dumps(packed(value, arrays), sort_keys=True).encode())
+    for array in arrays:
+        found.update(f"{array.dtype}{array.shape}".encode())
+        found.update(np.ascontiguousarray(array).tobytes())
+    return found.hexdigest()[:32]
+
+
+def packed(value: Any, arrays: list[np.ndarray]) -> Any:  # noqa: ANN401 - any of the known
+    """Return what JSON can hold; arrays are put aside, and records named by their class.
+
+    Raises
+    ------
+    TypeError
+        For something else.
+    """
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float | np.floating):
+        return float(value)
+    if isinstance(value, np.bool_ | np.integer):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        arrays.append(value)
+        return {"array": len(arrays) - 1}
+    if isinstance(value, tuple | list):
+        return {type(value).__name__: [packed(item, arrays) for item in value]}
+    if isinstance(value, Mapping):
+        return {"dict": [[packed(k, arrays), packed(v, arrays)] for k, v in value.items()]}
+    if is_dataclass(value) and not isinstance(value, type) and type(value).__module__.startswith(f"{PACKAGE}."):
+        parts = {field.name: packed(getattr(value, field.name), arrays) for field in fields(value)}
+        return {"record": f"{type(value).__module__}:{type(value).__qualname__}", "parts": parts}
+    raise TypeError(f"A {type(value).__name__} cannot be kept as a stage.")
+
+
+def unpacked(value: Any, arrays: Mapping[str, np.ndarray]) -> Any:  # noqa: ANN401 - any of the known
+    """Return what was packed."""
+    if not isinstance(value, dict):
+        return value
+    if "array" in value:
+        return arrays[f"a{value['array']}"]
+    if "record" in value:
+        return _record(value["record"])(**{name: unpacked(part, arrays) for name, part in value["parts"].items()})
+    if "dict" in value:
+        return {unpacked(k, arrays): unpacked(v, arrays) for k, v in value["dict"]}
+    ((kind, items),) = value.items()
+    found = [unpacked(item, arrays) for item in items]
+    return tuple(found) if kind == "tuple" else found
+
+
+def _record(name: str) -> Callable[..., Any]:
+    """Return the data class of the package that a record was made of; nothing else is ever called."""
+    module, _, cls = name.partition(":")
+    found = vars(sys.modules[module])[cls] if module.startswith(f"{PACKAGE}.") else None
+    if not (isinstance(found, type) and is_dataclass(found)):
+        raise TypeError(f"{name} is no record of this package.")
+    return found
+
+
+def _write(path: Path, value: Any) -> None:  # noqa: ANN401 - any of the known
+    arrays: list[np.ndarray] = []
+    text = json.dumps(packed(value, arrays)).encode()
+    held = {f"a{k}": array for k, array in enumerate(arrays)}
+    partial = path.with_name(f".{path.stem}.{os.getpid()}.npz")
+    try:
+        with partial.open("wb") as file:
+            np.savez(file, **{"json": np.frombuffer(text, dtype=np.uint8), **held})  # type: ignore[arg-type]
+        os.replace(partial, path)  # a stage is there whole, or not at all
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _read(path: Path) -> Any:  # noqa: ANN401 - any of the known
+    with np.load(path, allow_pickle=False) as file:
+        arrays = {name: file[name] for name in file.files}
+    return unpacked(json.loads(arrays.pop("json").tobytes()), arrays)
+
+
+def _package() -> tuple[str, ...]:
+    """Return what tells one version of the package, and of what it computes with, from another."""
+    root = Path(__file__).resolve().parents[1]
+    found = sha256()
+    for file in sorted(root.rglob("*.py")):
+        found.update(str(file.relative_to(root)).encode() + file.read_bytes())
+    return found.hexdigest(), *(version(name) for name in ("casadi", "numpy", "scipy"))
+
+
+def _content(setup: Setup) -> tuple[Any, ...]:
+    """Return the model as its equations, and all else that a study says."""
+    system = assemble(setup.model)
+    f = system.frictions
+    inside = [system.time, system.x, system.z, system.u, system.p, f.force]
+    laws = [f.speed, f.level_pos, f.level_neg, f.static_pos, f.static_neg]
+    equations = ca.Function("model", inside, [system.ode, system.alg, system.outputs, *laws]).serialize()
+    names = (system.states, system.inputs, tuple(q.name for q in system.parameters))
+    values = tuple(q.value for q in system.parameters)
+    runs = (setup.train, setup.select, setup.test)
+    options = (setup.scores, setup.step, setup.ties, setup.huber, setup.max_iterations)
+    return equations, names, values, setup.free, runs, options

@@ -1,0 +1,85 @@
+"""Data made from the outcome of a search, the search repeated on them, and what would tell rival answers apart."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_discover_pendulum import COULOMB, NOISE, clean_run, noisy_setup
+
+from cartpend_dae.discover import Workbench, discover, refit, splits
+from cartpend_dae.discover.rates import made_anew
+from cartpend_dae.effects import catalogue, insertion_at
+from models.rota_damp import RotaDamp
+
+pytestmark = pytest.mark.xdist_group("rates")
+
+CARDS = tuple(card for card in catalogue() if card.id in ("coulomb_friction", "constant_load", "quadratic_drag"))
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return Workbench(noisy_setup(clean_run(COULOMB), 2))
+
+
+@pytest.fixture(scope="module")
+def right(bench):
+    return refit(bench, (insertion_at(RotaDamp(), "coulomb_friction", "bearing"),))
+
+
+def test_refit_is_the_model_with_the_effects_that_were_chosen(right):
+    assert right.verdict == "explained"
+    friction = right.final.values["bearing.coulomb_friction.tau_c"]
+    assert friction == pytest.approx(COULOMB, rel=0.02)
+    assert right.baseline.chi2 > 100 * right.final.chi2
+
+
+def test_data_made_anew_are_the_model_and_its_noise(bench, right):
+    taken = tuple(step.candidate.insertion for step in right.steps)
+    (run,) = made_anew(bench.problem(taken), right.final, [0, 1])
+    (old,) = bench.setup.train
+    predicted = old.outputs["bearing.phi"].values - right.final.runs[0].residual[:, 0]
+    noise = run.outputs["bearing.phi"].values - predicted
+    # the sd of 600 values scatters by 3 %
+    assert noise.std() == pytest.approx(NOISE, rel=0.15)
+    assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 0.15
+    (same,) = made_anew(bench.problem(taken), right.final, [0, 1])
+    np.testing.assert_array_equal(run.outputs["bearing.phi"].values, same.outputs["bearing.phi"].values)
+
+
+def test_innovations_move_the_states_where_the_fit_is_of_predictions(bench, right):
+    """Made with injection, the data carry disturbances: a free simulation is off by far more than the innovations."""
+    taken = tuple(step.candidate.insertion for step in right.steps)
+    fit = bench.fit(taken, right.final.point, (30.0,), bench.problem(taken).prior_sd)
+    larger = replace(fit, weights_sd=10 * fit.weights_sd)
+    (run,) = made_anew(bench.problem(taken), larger, [0, 1])
+    (old,) = bench.setup.train
+    free = old.outputs["bearing.phi"].values - right.final.runs[0].residual[:, 0]
+    off = run.outputs["bearing.phi"].values - free
+    assert off.std() > 1.5 * 10 * NOISE
+    assert np.corrcoef(off[1:], off[:-1])[0, 1] > 0.5
+
+
+def test_placebo_adds_nothing_and_power_finds_it_again():
+    found = discover(noisy_setup(clean_run(COULOMB), 6), cards=CARDS, placebo=2, power=2)
+    placebo, power = found.beyond.rates
+    assert (placebo.removed, placebo.n, placebo.hits) == (None, 2, 0)
+    assert (power.removed, power.n, power.hits) == ("bearing.coulomb_friction", 2, 2)
+    assert power.sentence == (
+        "Where `bearing.coulomb_friction` is missing, it was found again in 2 of 2 data sets made so."
+    )
+
+
+def test_a_larger_release_splits_two_kinds_of_drag(bench, right):
+    """Dry friction against quadratic drag: the larger the swing, the further they lie apart."""
+    drag = refit(bench, (insertion_at(RotaDamp(), "quadratic_drag", "bearing"),)).steps[0].candidate
+    step = replace(right.steps[0], aliases=("quadratic_drag at bearing",))
+    pair = replace(right, steps=(step,), candidates=(drag,))
+    (split,) = splits(bench, pair)
+    assert (split.chosen, split.rival) == ("bearing.coulomb_friction", "bearing.quadratic_drag")
+    names = [name for name, _ in split.ranking]
+    distances = [distance for _, distance in split.ranking]
+    assert distances == sorted(distances, reverse=True) and distances[0] > 1000
+    assert names[0].startswith("release of bearing.phi from 1.2 rad") or "release" in names[0]
+    assert split.sentence.startswith(
+        "To tell `bearing.coulomb_friction` from `bearing.quadratic_drag`, record: release"
+    )
