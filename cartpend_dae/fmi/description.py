@@ -93,6 +93,8 @@ def _interfaces(facts: Facts) -> list[ET.Element]:
         found.append(ET.Element("ModelExchange", common | only))
     if facts.kind in ("cs", "both"):
         only = {"canHandleVariableCommunicationStepSize": "true"}
+        if not is_3:
+            only["canInterpolateInputs"] = "true"
         if is_3:
             only |= {
                 "hasEventMode": "true",

@@ -21,7 +21,7 @@ class Equations:
 
     `ode`, `alg`, `values`, `indicators` depend on `time`, `x`, `memory`, `z`, `u`, `p`. `values` are all variables of
     the system and then its dependent parameters. `indicators` fall through zero at an event, those of time alone are
-    left out: `next_time` (1, 1) says when these are due.
+    left out: `next_time` (1, 1) says when these are due, and `kept` which of the machine's indicators are left.
     """
 
     system: System
@@ -32,6 +32,7 @@ class Equations:
     values: ca.SX
     indicators: ca.SX
     places: tuple[str, ...]
+    kept: tuple[int, ...]
     next_time: ca.SX
 
     @property
@@ -67,7 +68,7 @@ def equations_of(system: System, span: float) -> Equations:
     values = ca.vertcat(s.outputs, _dependent_parameters(s))
     if s.hybrid.is_empty and not s.frictions.places:
         none = ca.SX(0, 1)
-        return Equations(s, None, none, s.ode, s.alg, values, none, (), ca.SX(np.inf))
+        return Equations(s, None, none, s.ode, s.alg, values, none, (), (), ca.SX(np.inf))
     made = machine(s, span)
     whole, pulses = made.memory.whole, s.hybrid.pulses
     parts = [s.ode, s.alg, values]
@@ -91,6 +92,7 @@ def equations_of(system: System, span: float) -> Equations:
         parts[2],
         made.indicators[kept, 0],
         tuple(made.places[k] for k in kept),
+        tuple(kept),
         _next_time(s, made, timed),
     )
 

@@ -5,6 +5,7 @@ import re
 import tempfile
 import uuid
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import get_args
@@ -13,17 +14,21 @@ from cartpend_dae.assemble import assemble
 from cartpend_dae.errors import ModelError
 from cartpend_dae.fmi.build import library, packed, platform_folder, standard_headers
 from cartpend_dae.fmi.description import Facts, Kind, Version, build_description, model_description
-from cartpend_dae.fmi.equations import equations_of, functions_of
+from cartpend_dae.fmi.equations import Equations, equations_of, functions_of
+from cartpend_dae.fmi.solver import engine_files, solver_macros, solver_model
 from cartpend_dae.fmi.source import functions_source, model_header
-from cartpend_dae.fmi.start import start_problem
+from cartpend_dae.fmi.start import StartProblem, start_problem
 from cartpend_dae.fmi.structure import dependencies_of
-from cartpend_dae.fmi.variables import outputs_of, variable_table
+from cartpend_dae.fmi.variables import VariableTable, outputs_of, variable_table
 from cartpend_dae.language import Component
 from cartpend_dae.quantities import is_number
 from cartpend_dae.singular import check_regular
 from cartpend_dae.system import System
 
-LAYERS = {"2.0": ("fmi2.c", "fmi2_model_exchange.c", "fmi2_co_simulation.c"), "3.0": ("fmi3.c", "fmi3_rest.c")}
+LAYERS = {
+    "2.0": ("fmi2.c", "fmi2_model_exchange.c", "fmi2_co_simulation.c"),
+    "3.0": ("fmi3.c", "fmi3_values.c", "fmi3_model_exchange.c", "fmi3_co_simulation.c"),
+}
 CORE = (
     "all.c",
     "instance.h",
@@ -83,38 +88,40 @@ def export_fmu(
     _check(target, version, kind, {"stop": stop, "tolerance": tolerance})
     system = assemble(model)
     check_regular(system, system.parameter_values)
-    e = equations_of(system, stop)
+    e = equations_of(system, float(stop))
     start = start_problem(e)
     table = variable_table(e, start, outputs_of(system, outputs))
-    functions = [*functions_of(e), *start.functions]
-    source = functions_source(functions)
+    doc = (type(model).__doc__ or "").strip() if isinstance(model, Component) else ""
     identifier = re.sub(r"\W", "_", system.name, flags=re.ASCII)
-    text = f"{(model.__doc__ or '').strip().splitlines()[0]}" if isinstance(model, Component) and model.__doc__ else ""
-    tool = "cartpend_dae"
-    facts = Facts(
-        system.name, identifier, "", text, tool, version, kind, float(stop), float(tolerance), e.memory.numel() > 0
-    )
+    numbers = (version, kind, float(stop), float(tolerance), e.memory.numel() > 0)
+    facts = Facts(system.name, identifier, "", doc.partition("\n")[0], "cartpend_dae", *numbers)
+    packed(target, _content(facts, e, start, table))
+    return target
+
+
+def _content(facts: Facts, e: Equations, start: StartProblem, table: VariableTable) -> dict[str, bytes]:
+    """Return the files of an FMU by their path inside."""
+    functions = [*functions_of(e), *start.functions]
+    solver, macros = None, {}
+    if facts.kind != "me":
+        solver = solver_model(e)
+        macros = solver_macros(e, solver, start, facts.stop)
+    source = functions_source([*functions, *(solver.functions if solver else ())])
     depends = dependencies_of(e)
     # what is exported decides the token, so that the same export has the same
-    content = [source, model_header(facts, e, start, table, functions), model_description(facts, table, depends)]
-    token = _token(content)
-    facts = Facts(
-        system.name, identifier, token, text, tool, version, kind, float(stop), float(tolerance), e.memory.numel() > 0
-    )
-    c_files = {name: (files("cartpend_dae.fmi") / "c" / name).read_text("utf-8") for name in CORE + LAYERS[version]}
-    c_files |= standard_headers(version)
-    c_files |= {
-        "functions.c": source,
-        "model.h": model_header(facts, e, start, table, functions),
-        "all.c": f'#define FMI_LAYER "{LAYERS[version][0]}"\n{c_files["all.c"]}',
-    }
+    said = model_header(facts, e, start, table, functions, macros), model_description(facts, table, depends)
+    facts = replace(facts, token=_token([source, *said]))
+    names = CORE + LAYERS[facts.version] + (() if solver is None else ("solver.c", "engine_end.h"))
+    c_files = {name: (files("cartpend_dae.fmi") / "c" / name).read_text("utf-8") for name in names}
+    c_files |= standard_headers(facts.version) | (engine_files(solver) if solver else {})
+    c_files |= {"functions.c": source, "model.h": model_header(facts, e, start, table, functions, macros)}
+    chosen = f'#define FMI_LAYER "{LAYERS[facts.version][0]}"\n#define HAS_CS {int(solver is not None)}\n'
+    c_files["all.c"] = chosen + c_files["all.c"]
     content = {"modelDescription.xml": model_description(facts, table, depends)}
-    if version == "3.0":
-        content["sources/buildDescription.xml"] = build_description(identifier)
+    if facts.version == "3.0":
+        content["sources/buildDescription.xml"] = build_description(facts.identifier)
     content |= {f"sources/{name}": text.encode("utf-8") for name, text in c_files.items()}
-    content |= _binaries(c_files, identifier, version, source.count(";"))
-    packed(target, content)
-    return target
+    return content | _binaries(c_files, facts.identifier, facts.version, source.count(";"))
 
 
 def _token(content: Sequence[str | bytes]) -> str:

@@ -3,7 +3,7 @@
 import contextlib
 import io
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import casadi as ca
 import numpy as np
@@ -40,7 +40,12 @@ def functions_source(functions: Sequence[ca.Function]) -> str:
 
 
 def model_header(
-    facts: Facts, e: Equations, start: StartProblem, table: VariableTable, functions: Sequence[ca.Function]
+    facts: Facts,
+    e: Equations,
+    start: StartProblem,
+    table: VariableTable,
+    functions: Sequence[ca.Function],
+    solver: Mapping[str, str],
 ) -> str:
     """Return model.h: names, sizes, start values and tables of the model.
 
@@ -50,6 +55,8 @@ def model_header(
         What is said of the model, its equations, its start and its variables.
     functions
         All functions that the C calls.
+    solver
+        Macros of the solver, for co-simulation.
     """
     s = e.system
     sizes = {
@@ -75,7 +82,6 @@ def model_header(
         "SIZE_W": max(f.sz_w() for f in functions),
         "ROUNDS": ROUNDS,
         "HAS_ME": int(facts.kind != "cs"),
-        "HAS_CS": int(facts.kind != "me"),
     }
     first = {f"FIRST_{role.upper()}": number for role, number in table.first.items()}
     texts = {"MODEL_NAME": facts.name, "MODEL_IDENTIFIER": facts.identifier, "MODEL_TOKEN": facts.token}
@@ -91,7 +97,7 @@ def model_header(
         "#define CARTPEND_MODEL_H",
         "#include <math.h>",
         *(f"#define {name} {json.dumps(text)}" for name, text in texts.items()),
-        *(f"#define {name} {number}" for name, number in (sizes | first).items()),
+        *(f"#define {name} {number}" for name, number in (sizes | first | dict(solver)).items()),
         _doubles("P_START", [q.value or 0.0 for q in s.parameters]),
         _doubles("P_LOW", low),
         _doubles("P_HIGH", high),

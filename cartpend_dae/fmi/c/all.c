@@ -7,8 +7,16 @@
 #if defined(__GNUC__)
 #pragma GCC diagnostic ignored "-Wunused-function"
 #endif
-#include "model.h"
 #include "functions.c"
+#if HAS_CS
+#include "engine_sizes.h"
+#include "engine.h"
+#include "engine_methods.c"
+#include "engine_events.c"
+#include "engine_run.c"
+#include "engine_end.h"
+#endif
+#include "model.h"
 #include "instance.h"
 #include "linear.c"
 #include "handles.c"

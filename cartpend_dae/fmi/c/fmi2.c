@@ -15,7 +15,7 @@
     return (fmi2Status)refuse(c, ERROR, "%s", what)
 
 static void say2(Instance *c, int status, const char *category, const char *sentence) {
-    fmi2CallbackLogger logger = (fmi2CallbackLogger)(uintptr_t)c->callback;
+    fmi2CallbackLogger logger = (fmi2CallbackLogger)c->callback;
     if (logger && (status == ERROR || status == WARNING ? (status == ERROR ? c->logs_errors : c->logs_warnings)
                                                         : c->is_logging))
         logger(c->environment, c->name, (fmi2Status)status, category, "%s", sentence);
@@ -54,7 +54,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     like->logs_errors = like->logs_warnings = 1;
     like->is_logging = on;
     if (functions) {
-        like->callback = (void *)(uintptr_t)functions->logger;
+        like->callback = (void (*)(void))functions->logger;
         like->environment = functions->componentEnvironment;
     }
     like->state.is_cs = type == fmi2CoSimulation;
@@ -67,7 +67,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     return handle;
 }
 
-void fmi2FreeInstance(fmi2Component component) { free_handle(component); }
+void fmi2FreeInstance(fmi2Component component) { free_handle(component, INSTANCE); }
 
 fmi2Status fmi2SetupExperiment(fmi2Component component, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real start,
                                fmi2Boolean has_stop, fmi2Real stop) {
@@ -199,9 +199,7 @@ fmi2Status fmi2FreeFMUstate(fmi2Component component, fmi2FMUstate *where) {
 
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component component, fmi2FMUstate kept, size_t *size) {
     ENTER(ANY_PHASE, "fmi2SerializedFMUstateSize");
-    WANT(kept && size && is_snapshot(kept), "What was given is no saved state.");
-    *size = sizeof(Snapshot);
-    return fmi2OK;
+    return (fmi2Status)n_bytes(c, kept, size);
 }
 
 fmi2Status fmi2SerializeFMUstate(fmi2Component component, fmi2FMUstate kept, fmi2Byte bytes[], size_t size) {

@@ -2,9 +2,18 @@
 
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component component, const fmi2ValueReference vr[], size_t n,
                                        const fmi2Integer order[], const fmi2Real values[]) {
-    (void)vr, (void)n, (void)order, (void)values;
-    ENTER(ANY_PHASE, "fmi2SetRealInputDerivatives");
-    return (fmi2Status)refuse(c, ERROR, "Inputs are held over a step; their derivatives cannot be set.");
+    ENTER(INITIALIZATION_MODE | STEP_MODE, "fmi2SetRealInputDerivatives");
+    WANT(c->state.is_cs, "Derivatives of inputs belong to co-simulation.");
+    WANT(!n || (vr && order && values), "The value references, orders or values are missing.");
+    for (size_t k = 0; k < n; k++) {
+        if (vr[k] < FIRST_VALUE || vr[k] >= FIRST_RATE || INPUT_OF[vr[k] - FIRST_VALUE] < 0)
+            return (fmi2Status)refuse(c, ERROR, "The value reference %u is no input.", vr[k]);
+        WANT(order[k] == 1, "Inputs have first derivatives only.");
+        WANT(isfinite(values[k]), "The derivative of an input must be a finite number.");
+    }
+    for (size_t k = 0; k < n; k++)
+        c->state.u_slopes[INPUT_OF[vr[k] - FIRST_VALUE]] = values[k];
+    return fmi2OK;
 }
 
 fmi2Status fmi2GetRealOutputDerivatives(fmi2Component component, const fmi2ValueReference vr[], size_t n,
@@ -20,7 +29,7 @@ fmi2Status fmi2DoStep(fmi2Component component, fmi2Real time, fmi2Real step, fmi
     WANT(isfinite(time) && isfinite(step) && step > 0, "The length of a step must be a positive number.");
     WANT(fabs(time - c->state.time) <= 1e-9 * (1 + fabs(time)), "The step does not begin where the last one ended.");
 #if HAS_CS
-    return (fmi2Status)run_to(c, time + step);
+    return (fmi2Status)run_to(c, time + step, NULL);
 #else
     return fmi2Error;
 #endif

@@ -17,6 +17,8 @@
 
 enum { OK = 0, WARNING = 1, DISCARD = 2, ERROR = 3 };      /* as both standards count */
 
+enum { INSTANCE = 1, SAVED_STATE = 2 };                     /* kinds of objects with a handle */
+
 /* Where an instance is in its life; a call is allowed in a set of these. */
 enum {
     INSTANTIATED = 1,
@@ -32,22 +34,27 @@ enum {
 typedef struct {
     double time, start_time;
     double next_event;                   /* when time alone changes something, infinite if never [s] */
-    double next_step;                    /* step that the solver of co-simulation tries next [s] */
     double tolerance;
     double x[AT_LEAST_1(N_X)], m[AT_LEAST_1(N_M)], z[AT_LEAST_1(N_Z)], u[AT_LEAST_1(N_U)], p[AT_LEAST_1(N_P)];
     double starts[AT_LEAST_1(N_X)], given[AT_LEAST_1(N_X)];          /* start values that the importer set */
     double point[AT_LEAST_1(N_V)];                                    /* where the search for a start begins */
     double discretes[AT_LEAST_1(N_DISCRETES)], discretes_given[AT_LEAST_1(N_DISCRETES)];
+    double u_slopes[AT_LEAST_1(N_U)];    /* of the inputs, over the next step of co-simulation [1/s] */
+#if HAS_CS
+    point now;                           /* where the engine stands */
+#endif
     int phase;
     int is_cs, event_mode_used, early_return_allowed;
     int is_started;                      /* the states are those of a start that was solved */
     int is_solved;                       /* the algebraic variables belong to all the rest */
+    int is_touched;                      /* something was set since the last step of co-simulation */
     int is_terminated;                   /* the model ended the run */
 } State;
 
 typedef struct Instance Instance;
 
 struct Instance {
+    int object;                          /* INSTANCE */
     State state;
     /* computed when asked for, from the state alone */
     double ode[AT_LEAST_1(N_X)], y[AT_LEAST_1(N_Y)], indicators[AT_LEAST_1(N_I)];
@@ -62,10 +69,15 @@ struct Instance {
     casadi_real *res[SIZE_RES + 8];
     casadi_int iw[SIZE_IW + 1];
     casadi_real w[SIZE_W + 1];
-    void *solver;                        /* room of the solver of co-simulation */
+#if HAS_CS
+    engine engine;
+#endif
     /* the importer */
     void (*say)(Instance *, int status, const char *category, const char *sentence);
-    void *environment, *callback, *intermediate;
+    void *environment;
+    void (*callback)(void), (*intermediate)(void);
+    int is_requested;                    /* the importer asks to return early */
+    double requested_time;
     int is_logging, logs_errors, logs_warnings;
     char name[128];
 };

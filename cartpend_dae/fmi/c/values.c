@@ -124,6 +124,7 @@ static void set_value(Instance *c, unsigned reference, double value) {
         int k = (int)(reference - FIRST_VALUE);
         if (INPUT_OF[k] >= 0) {
             s->u[INPUT_OF[k]] = value;
+            s->u_slopes[INPUT_OF[k]] = 0;
         } else if (ALGEBRAIC_OF[k] >= 0) {
             s->point[N_X + ALGEBRAIC_OF[k]] = value;
         } else if (DISCRETE_OF[k] >= 0) {
@@ -136,6 +137,7 @@ static void set_value(Instance *c, unsigned reference, double value) {
     }
     if (begins)
         s->is_started = 0;
+    s->is_touched = 1;
     changed(c);
 }
 
@@ -171,6 +173,7 @@ static void *new_instance(const Instance *like, const char *name, const char *to
     if (!c)
         return NULL;
     *c = *like;
+    c->object = INSTANCE;
     snprintf(c->name, sizeof c->name, "%s", name ? name : MODEL_NAME);
     void *handle = NULL;
     if (!token || strcmp(token, MODEL_TOKEN))
