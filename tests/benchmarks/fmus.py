@@ -41,7 +41,7 @@ def folder_of_references():
 
 def inputs_of(system, stop):
     """Return samples (times, values, held) of each input."""
-    times = np.arange(0.0, stop, 0.5)
+    times = np.append(0.0, np.arange(0.505, stop, 0.5))  # no tick of a clock and no output time is there
     signs = np.where(np.arange(times.size) % 2, -1.0, 1.0)
     return {name: (times, AMPLITUDES.get(name, 0.1) * signs, "zoh") for name in system.inputs}
 
@@ -97,7 +97,7 @@ def measured(system, stop, example):
 def around_events(times):
     """Return the times of a result, those of its events (two rows at a time) from both sides."""
     events = np.unique(times[1:][np.diff(times) == 0])
-    near = 1e-5 * (times[-1] - times[0])
+    near = 2e-8 * (times[-1] - times[0])
     grid = np.concatenate([np.setdiff1d(times, events), events - near, events + near, times[[0, -1]]])
     return np.unique(grid[(grid >= times[0]) & (grid <= times[-1])])
 
