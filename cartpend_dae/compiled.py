@@ -55,7 +55,7 @@ def compiled(
         With the same name, inputs and outputs; `function` itself, and a line in the log that says why, where it
         cannot be compiled.
     """
-    command = _compiler()
+    command = compiler_command()
     if command is None:
         logger.info("There is no C compiler (`cc`, `gcc`, `clang` or CC): `%s` runs uncompiled.", function.name())
         return function
@@ -78,7 +78,7 @@ def compiled_library(source: Callable[[], str], name: str) -> Path | None:
     name
         What it is, for the line in the log that says why there is no library: None is returned then.
     """
-    command = _compiler()
+    command = compiler_command()
     if command is None:
         logger.info("There is no C compiler (`cc`, `gcc`, `clang` or CC): `%s` runs uncompiled.", name)
         return None
@@ -123,7 +123,7 @@ def _log_failure(name: str, error: Exception) -> None:
     logger.info("`%s` runs uncompiled: %s", name, reason[-1][:300])
 
 
-def _compiler() -> list[str] | None:
+def compiler_command() -> list[str] | None:
     """Return the command of the C compiler with its full path, None if there is none."""
     command = shlex.split(os.environ.get("CC", ""))
     for name in command[:1] or ("cc", "gcc", "clang"):

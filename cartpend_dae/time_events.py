@@ -66,7 +66,7 @@ class _Timed:
 
 
 def _timed(system: System) -> _Timed:
-    found, s = _decided_by_time(system), system
+    found, s = time_relations(system), system
 
     def line(expression: ca.SX) -> AllTimes:
         column = ca.vertcat(expression, ca.jacobian(expression, s.time))
@@ -90,7 +90,7 @@ def _decided(system: System, timed: _Timed, p: np.ndarray, grid: np.ndarray) -> 
     return fine, pieces[:, np.searchsorted(inside, 0.5 * (fine[:-1] + fine[1:]))]
 
 
-def _decided_by_time(system: System) -> dict[int, tuple[ca.SX, ...]]:
+def time_relations(system: System) -> dict[int, tuple[ca.SX, ...]]:
     """Return the relations of time alone that are straight by pieces, by number: the arguments of their floors."""
     h = system.hybrid
     if not h.relation_places:

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -270,13 +271,27 @@ class Outcome:
 
 def run(example: Example) -> Outcome:
     """Simulate an example at the times of the reference, and compare every listed signal."""
-    compare = load_module(example.folder / "compare.py")
-    head, data = compare.read_csv(example.folder / "specs" / example.spec["reference"]["file"])
-    reference = data[:, 0]
+    compare, head, data = reference_of(example)
     begun = time.perf_counter()
-    result = simulate(example.model, times=np.unique(reference))
+    result = simulate(example.model, times=np.unique(data[:, 0]))
     seconds = time.perf_counter() - begun
-    tube, use = example.spec["check"]["tube"], {}
+    use = tube_use(example, (compare, head, data), result.time, result)
+    start = {name: float(result[name][0]) for name in result.names}
+    return Outcome(use, seconds, start, result.n_events)
+
+
+def reference_of(example: Example) -> tuple[ModuleType, list[str], np.ndarray]:
+    """Return the module that compares, and names and values of the reference; the first column is time."""
+    compare = load_module(example.folder / "compare.py")
+    return compare, *compare.read_csv(example.folder / "specs" / example.spec["reference"]["file"])
+
+
+def tube_use(
+    example: Example, reference: tuple[ModuleType, list[str], np.ndarray], times: np.ndarray, found: Any
+) -> dict[str, float]:
+    """Return the worst use of the tube by the listed signals of a result, which gives values by our names."""
+    compare, head, data = reference
+    begin, tube, use = data[:, 0], example.spec["check"]["tube"], {}
     ignored = example.spec["check"].get("ignore", ())
     for listed in example.spec["signals"]:
         if listed["name"] in ignored:
@@ -285,8 +300,7 @@ def run(example: Example) -> Outcome:
         name = listed["name"] if listed["name"] in example.renamed else without(example.folders, listed["name"])
         ours = our_signal(name, example.components, example.renamed)
         scale = np.ptp(values) or np.max(np.abs(values))
-        height, width = max(tube * scale, 1e-10), tube * (reference[-1] - reference[0])
-        found = np.zeros_like(result.time) if listed["name"].endswith(INSTANTS) else result[ours]
-        use[ours] = compare.check_signal(reference, values, result.time, found, width, height)[1]
-    start = {name: float(result[name][0]) for name in result.names}
-    return Outcome(use, seconds, start, result.n_events)
+        height, width = max(tube * scale, 1e-10), tube * (begin[-1] - begin[0])
+        result = np.zeros_like(times) if listed["name"].endswith(INSTANTS) else found[ours]
+        use[ours] = compare.check_signal(begin, values, times, result, width, height)[1]
+    return use

@@ -131,7 +131,7 @@ def native_source(model: NativeModel, more: str = "") -> str:
     generator = ca.CodeGenerator("model.c")
     for function in model.functions:
         generator.add(function)
-    return "\n".join([generator.dump(), _macros(model), *map(engine_part, ENGINE), more])
+    return "\n".join([generator.dump(), engine_macros(model), *map(engine_part, ENGINE), more])
 
 
 def engine_part(name: str) -> str:
@@ -139,7 +139,8 @@ def engine_part(name: str) -> str:
     return (files("cartpend_dae.native") / name).read_text(encoding="utf-8")
 
 
-def _macros(model: NativeModel) -> str:
+def engine_macros(model: NativeModel) -> str:
+    """Return the sizes that the engine asks for, as macros."""
     sizes = {name.upper(): getattr(model, name) for name in ("n_x", "n_z", "n_m", "n_w", "n_p", "n_g")}
     # a model without events is never asked why it stopped, but the engine names the place
     sizes |= {"STOP": max(model.n_m - N_NOTE, 0), "CHATTER": CHATTER, "ROUNDS": ROUNDS}
