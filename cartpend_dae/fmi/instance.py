@@ -1,6 +1,7 @@
 """One running FMU behind calls that are the same for FMI 2.0 and 3.0; FMPy's ctypes layer stands below it."""
 
 import ctypes
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -37,31 +38,36 @@ class Instance:
     def __init__(self, folder: Path, description: "ModelDescription", kind: Kind, label: str = "") -> None:
         import fmpy.simulation
 
-        self.description, self.kind, self.log = description, kind, []
+        self.description, self.kind = description, kind
         self.label = label or description.modelName or "FMU"
         self.is_fmi2 = description.fmiVersion == "2.0"
         self.n_x = description.numberOfContinuousStates if kind == "me" else 0
         self.n_z = description.numberOfEventIndicators if kind == "me" else 0
         self._simulation = fmpy.simulation
         self._fmu: Any = None
-        fmi_type = "ModelExchange" if kind == "me" else "CoSimulation"
-        self._fmu = self._called(
-            "instantiate",
-            lambda: fmpy.simulation.instantiate_fmu(str(folder), description, fmi_type, logger=self._logger()),
-        )
+        self.log: list[str] = fmi2_callbacks()[1] if self.is_fmi2 else []
+        self.log.clear()
+        self._called("instantiate", lambda: self._instantiate(str(folder)))
         self._x, self._dx = (ctypes.c_double * self.n_x)(), (ctypes.c_double * self.n_x)()
         self._z = (ctypes.c_double * self.n_z)()
         self._groups: dict[tuple[str, ...], Any] = {}
         self.is_running = False
 
-    def _logger(self) -> Any:
-        def note(message: bytes | None) -> None:
-            if message and len(self.log) < 100:
-                self.log.append(message.decode(errors="replace").strip()[:500])
+    def _instantiate(self, folder: str) -> None:
+        import fmpy.fmi2
 
-        if self.is_fmi2:
-            return lambda environment, name, status, category, message: note(message)
-        return lambda environment, status, category, message: note(message)
+        description, log = self.description, self.log
+        if not self.is_fmi2:
+            fmi_type = "ModelExchange" if self.kind == "me" else "CoSimulation"
+            self._fmu = self._simulation.instantiate_fmu(
+                folder, description, fmi_type, logger=lambda environment, status, category, text: note(log, text)
+            )
+            return
+        made = fmpy.fmi2.FMU2Model if self.kind == "me" else fmpy.fmi2.FMU2Slave
+        interface: Any = description.modelExchange if self.kind == "me" else description.coSimulation
+        fmu = made(guid=description.guid, modelIdentifier=interface.modelIdentifier, unzipDirectory=folder)
+        fmu.instantiate(callbacks=fmi2_callbacks()[0])
+        self._fmu = fmu
 
     def _called(self, what: str, call: Any) -> Any:
         try:
@@ -266,6 +272,35 @@ class Instance:
 
 def _whole(value: Any) -> int:
     return round(float(value))
+
+
+def note(log: list[str], text: bytes | None) -> None:
+    """Keep a message of an FMU, the newest hundred."""
+    if text:
+        log.append(text.decode(errors="replace").strip()[:500])
+        del log[:-100]
+
+
+@functools.cache
+def fmi2_callbacks() -> tuple[Any, list[str]]:
+    """Return the callbacks of all FMUs 2.0 in this process, and what they say.
+
+    FMPy formats messages in C and hands them to the logger that was registered last, also those of other FMUs: one
+    that is freed with its FMU would be called all the same, and the process would crash.
+    """
+    import fmpy
+    import fmpy.fmi2
+    from fmpy.logging import addLoggerProxy
+
+    log: list[str] = []
+    callbacks = fmpy.fmi2.fmi2CallbackFunctions()
+    callbacks.logger = fmpy.fmi2.fmi2CallbackLoggerTYPE(
+        lambda environment, name, status, category, text: note(log, text)
+    )
+    callbacks.allocateMemory = fmpy.fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
+    callbacks.freeMemory = fmpy.fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
+    addLoggerProxy(ctypes.byref(callbacks))
+    return callbacks, log
 
 
 class Reader:
