@@ -77,7 +77,10 @@ def build_lag(folder: Path) -> Path:
         dae = ca.DaeBuilder("lag")
         x = dae.add("x", {"start": 0.5})
         u = dae.add("u", "input", {"start": 0.0})
-        lag, gain = dae.add("T", "parameter", "tunable", {"start": 0.4}), dae.add("k", "parameter", "tunable", {"start": 2})
+        lag, gain = (
+            dae.add("T", "parameter", "tunable", {"start": 0.4}),
+            dae.add("k", "parameter", "tunable", {"start": 2}),
+        )
         dae.eq(dae.der(x), (gain * u - x) / lag)
         y = dae.add("y", "output", {})
         dae.eq(y, x**2 + x)

@@ -80,8 +80,10 @@ LAYERS = """
     data_report planning
     report.text
     plots animate
+    fmi
     report
     console
+    fmu_commands
     cli
     __main__
 """

@@ -225,7 +225,7 @@ def _root(path: Path | str, file: Path, limits: Limits) -> tuple[str, dict[str, 
         nonlocal depth
         depth -= 1
 
-    def refuse(*arguments: object) -> None:
+    def refuse(*arguments: object) -> int:
         raise StudyError(
             f"{path}: its {DESCRIPTION} has a document type or entities, which no FMU needs and which could make a "
             f"parser read other files; it was not read."

@@ -27,11 +27,11 @@ def main(folder: Path) -> None:
         plain, found = TASKS[asked["task"]](stage, **asked["arguments"], **arrays)
     except CartpendError as error:
         plain, found = {"error": str(error), "kind": "input" if error.exit_code == 2 else "run"}, {}
-    np.savez(folder / "arrays.npz", **found)
+    np.savez(folder / "arrays.npz", allow_pickle=False, **found)
     (folder / "answer.json").write_text(json.dumps(plain), "utf-8")
 
 
-def _tried(stage: Callable[[str], None], unpacked: str, label: str, times: np.ndarray, **task: Any) -> Answer:
+def _tried(stage: Callable[[str], None], unpacked: str, label: str, times: np.ndarray, **task: object) -> Answer:
     """Run an FMU by our own loop, then by that of FMPy, and say how far each came."""
     try:
         plain, arrays = _simulate(stage, unpacked, label, times, **task)
@@ -40,15 +40,15 @@ def _tried(stage: Callable[[str], None], unpacked: str, label: str, times: np.nd
         ours = {"rows": len(values), "problem": f"not finite: {', '.join(bad[:5])}" if bad else "", "log": plain["log"]}
     except CartpendError as error:
         ours = {"rows": 0, "problem": str(error), "log": []}
-    return {"ours": ours, "fmpy": _second(stage, unpacked, task["kind"], float(times[-1]))}, {}
+    return {"ours": ours, "fmpy": _second(stage, unpacked, str(task["kind"]), float(times[-1]))}, {}
 
 
-def _simulate(stage: Callable[[str], None], unpacked: str, label: str, times: np.ndarray, **task: Any) -> Answer:
+def _simulate(stage: Callable[[str], None], unpacked: str, label: str, times: np.ndarray, **task: object) -> Answer:
     import fmpy
 
-    stage(f"run for {task['kind'].upper()}")
+    stage(f"run for {str(task['kind']).upper()}")
     description = fmpy.read_model_description(unpacked, validate=False)
-    rows = run(Path(unpacked), description, Task(times=times, **task), label)
+    rows = run(Path(unpacked), description, _task(times, task), label)
     return {"names": rows.names, "log": rows.log, "n_events": rows.n_events}, {"values": rows.values}
 
 
@@ -63,6 +63,10 @@ def _second(stage: Callable[[str], None], unpacked: str, kind: str, stop: float)
     except Exception as error:
         return {"rows": 0, "problem": " ".join(str(error).split())[:300]}
     return {"rows": int(result.size), "problem": ""}
+
+
+def _task(times: np.ndarray, asked: dict[str, Any]) -> Task:
+    return Task(times=times, **asked)
 
 
 TASKS: dict[str, Callable[..., Answer]] = {"simulate": _simulate, "try": _tried}

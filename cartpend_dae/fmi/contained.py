@@ -48,7 +48,7 @@ def contained(task: str, arguments: dict[str, Any], *, limit: float, label: str)
     with tempfile.TemporaryDirectory(prefix="cartpend-run-") as name:
         folder = Path(name)
         arrays = {key: value for key, value in arguments.items() if isinstance(value, np.ndarray)}
-        np.savez(folder / "given.npz", **arrays)
+        np.savez(folder / "given.npz", allow_pickle=False, **arrays)
         plain = {key: value for key, value in arguments.items() if key not in arrays}
         (folder / "task.json").write_text(json.dumps({"task": task, "arguments": plain}), "utf-8")
         begin = time.monotonic()

@@ -56,7 +56,7 @@ def packed(inputs: Mapping[str, Input]) -> dict[str, Any]:
     for name, given in inputs.items():
         value = checked_input(name, given)
         if isinstance(value, tuple):
-            times, values, hold = value
+            times, values, hold = value[0], value[1], value[2] if len(value) == 3 else "foh"
             found[name] = {"hold": hold, "times": list(map(float, times)), "values": list(map(float, values))}
         elif callable(value):
             time = ca.SX.sym("time")

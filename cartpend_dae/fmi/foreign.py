@@ -25,7 +25,7 @@ from cartpend_dae.quantities import is_number
 from cartpend_dae.simulate import output_grid
 
 if TYPE_CHECKING:
-    from fmpy.model_description import ModelDescription
+    from fmpy.model_description import ModelDescription, ModelVariable
 
 logger = logging.getLogger(__name__)
 
@@ -150,9 +150,7 @@ class ForeignFmu:
             grid[:n], rows.names, rows.values, tuple(units[name] for name in rows.names), {}, rows.n_events
         )
 
-    def _grid(
-        self, stop: float | None, times: Sequence[float] | np.ndarray | None, points: int
-    ) -> np.ndarray:
+    def _grid(self, stop: float | None, times: Sequence[float] | np.ndarray | None, points: int) -> np.ndarray:
         own = self.description
         if stop is None and times is None:
             begin = own.start
@@ -222,7 +220,7 @@ def load_fmu(path: Path | str) -> ForeignFmu:
     return ForeignFmu(path, described, variables, read)
 
 
-def _variable(variable: Any) -> ForeignVariable:
+def _variable(variable: "ModelVariable") -> ForeignVariable:
     if not isinstance(variable.name, str) or variable.valueReference is None:
         raise ValueError("a variable without name or value reference")
     unit = variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None) or "1"
@@ -280,7 +278,9 @@ def library_problem(fmu: ForeignFmu, folder: Path, kind: Kind) -> str:
     library = folder / place / f"{identifier}{fmpy.sharedLibraryExtension}"
     if not library.is_file():
         there = ", ".join(p for p in fmu.description.platforms if p != "c-code") or "no machine"
-        sources = " Its C sources are inside: build them for this machine first." if (folder / "sources").is_dir() else ""
+        sources = (
+            " Its C sources are inside: build them for this machine first." if (folder / "sources").is_dir() else ""
+        )
         return (
             f"it holds no `{place}/{library.name}`, the library for this machine ({fmpy.platform}); it has libraries "
             f"for {there}.{sources}"

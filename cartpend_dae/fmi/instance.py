@@ -3,10 +3,10 @@
 import ctypes
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from cartpend_dae.errors import SolverError
 if TYPE_CHECKING:
     from fmpy.model_description import ModelDescription, ModelVariable
 
+T = TypeVar("T")
 Kind = Literal["me", "cs"]
 READABLE = {"Real", "Integer", "Boolean", "Enumeration", "Float64", "Float32", *[f"Int{n}" for n in (8, 16, 32, 64)]}
 READABLE |= {f"UInt{n}" for n in (8, 16, 32, 64)}
@@ -69,7 +70,7 @@ class Instance:
         fmu.instantiate(callbacks=fmi2_callbacks()[0])
         self._fmu = fmu
 
-    def _called(self, what: str, call: Any) -> Any:
+    def _called(self, what: str, call: Callable[[], T]) -> T:
         try:
             return call()
         except SolverError:
@@ -180,14 +181,15 @@ class Instance:
 
     def completed_step(self) -> tuple[bool, bool]:
         """Tell the FMU that a step is done: whether it wants an event, and whether it wants to end."""
-        if not self.description.modelExchange.needsCompletedIntegratorStep:
+        exchange = self.description.modelExchange
+        if exchange is None or not exchange.needsCompletedIntegratorStep:
             return False, False
         event, terminate = self._called("complete a step", self._fmu.completedIntegratorStep)
         return bool(event), bool(terminate)
 
     def do_step(self, time: float, width: float) -> bool:
         """Let a co-simulation FMU go `width` [s] ahead from `time`; return whether it wants to end."""
-        found = self._called(f"step from {time:g} s by {width:g} s", lambda: self._stepped(time, width))
+        found: Any = self._called(f"step from {time:g} s by {width:g} s", lambda: self._stepped(time, width))
         if self.is_fmi2:
             return bool(found)
         _, terminate, early, reached = found
@@ -195,7 +197,7 @@ class Instance:
             raise SolverError(f"{self.label}: the FMU returned at {reached:g} s from a step to {time + width:g} s.")
         return bool(terminate)
 
-    def _stepped(self, time: float, width: float) -> Any:
+    def _stepped(self, time: float, width: float) -> object:
         import fmpy.fmi1
         import fmpy.fmi2
 
@@ -270,7 +272,7 @@ class Instance:
         self.close()
 
 
-def _whole(value: Any) -> int:
+def _whole(value: float) -> int:
     return round(float(value))
 
 

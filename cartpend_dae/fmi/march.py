@@ -8,7 +8,7 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.integrate import LSODA
@@ -139,7 +139,7 @@ def _smooth(
         return found if x.size else np.zeros(1)
 
     width = (record._grid[-1] - record._grid[0]) * SHARE
-    absolute = tolerance.absolute if x.size else 1.0
+    absolute: Any = tolerance.absolute if x.size else 1.0
     solver = LSODA(rates, time, padded, bound, max_step=width, rtol=tolerance.relative, atol=absolute)
     signs = plant.indicators(time, x) > 0
     while solver.status == "running":

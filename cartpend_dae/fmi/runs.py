@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cartpend_dae.fmi.drive import Drive, drive
-from cartpend_dae.fmi.instance import READABLE, EventInfo, Instance, Kind
+from cartpend_dae.fmi.instance import READABLE, EventInfo, Instance, Kind, Reader
 from cartpend_dae.fmi.march import EndedByModel, Tolerance, march
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def run(folder: Path, description: "ModelDescription", task: Task, label: str) -
 class FmuPlant:
     """An FMU for model exchange with its inputs, as `march` wants it."""
 
-    def __init__(self, instance: Instance, driven: Drive, begin: float, end: float, reader: Any) -> None:
+    def __init__(self, instance: Instance, driven: Drive, begin: float, end: float, reader: Reader) -> None:
         self.name, self._instance, self._driven, self._reader = instance.label, instance, driven, reader
         self._jumps, self._since = driven.jumps(begin, end), begin
         self._varies = bool(driven.joined or driven.functions)
@@ -131,9 +131,10 @@ class FmuPlant:
         return self._reader()
 
 
-def _co_simulated(instance: Instance, reader: Any, driven: Drive, times: np.ndarray) -> np.ndarray:
+def _co_simulated(instance: Instance, reader: Reader, driven: Drive, times: np.ndarray) -> np.ndarray:
     """Let the FMU go from output time to output time, and to the jumps of inputs where it takes steps of any width."""
-    takes_any = bool(instance.description.coSimulation.canHandleVariableCommunicationStepSize)
+    stepping = instance.description.coSimulation
+    takes_any = stepping is not None and bool(stepping.canHandleVariableCommunicationStepSize)
     jumps = driven.jumps(float(times[0]), float(times[-1])) if takes_any else np.zeros(0)
     points = np.union1d(times, jumps)
     wanted = set(times.tolist())
