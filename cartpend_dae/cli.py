@@ -16,6 +16,7 @@ from cartpend_dae.console import assignments, console_of_results, say, spoken, w
 from cartpend_dae.data_report import describe_data
 from cartpend_dae.demo import make_demo
 from cartpend_dae.errors import StudyError
+from cartpend_dae.fmu_commands import check_fmu, crosscheck
 from cartpend_dae.linearize import linearize as linearize_model
 from cartpend_dae.planning import design_study
 from cartpend_dae.report import tables
@@ -73,6 +74,9 @@ class Friction(StrEnum):
     stuck = "stuck"
     ignored = "ignored"
 
+
+app.command("check-fmu")(check_fmu)
+app.command()(crosscheck)
 
 Target = Annotated[str, typer.Argument(help="A study (FILE.toml) or a model (FILE.py or FILE.py:Class).")]
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (TOML).")]

@@ -55,6 +55,17 @@ def _checked(system: System, name: str, given: Input | None) -> Input:
     value = system.variables[system.index_of(name)].declaration.default if given is None else given
     if value is None:
         raise ModelError(f"Nothing drives the input `{name}` of {system.name}: give `inputs={{'{name}': ...}}`.")
+    return checked_input(name, value)
+
+
+def checked_input(name: str, value: Input) -> Input:
+    """Return what drives an input; samples are returned as arrays, with how they are held.
+
+    Raises
+    ------
+    ModelError
+        For what is no number, function of time or samples.
+    """
     if callable(value):
         _check_function(name, value)
     elif isinstance(value, tuple):

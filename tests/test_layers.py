@@ -85,9 +85,11 @@ LAYERS = """
     data_report planning
     report.text
     plots animate
+    fmi
     report
     progress
     console
+    fmu_commands
     cli
     __main__
 """
