@@ -12,7 +12,7 @@ ROOT = PACKAGE.name
 MAX_LINES = 400
 
 LAYERS = """
-    errors units graph explicit
+    errors units graph explicit everyday notebook latex
     parallel
     explain linear compiled along
     quantities collector
@@ -80,6 +80,7 @@ LAYERS = """
     data_report planning
     report.text
     plots animate
+    plot
     report
     console
     cli

@@ -8,8 +8,10 @@ import numpy as np
 from cartpend_dae.assess import Assessment
 from cartpend_dae.data import Experiment
 from cartpend_dae.effects import Insertion
+from cartpend_dae.everyday import quantity
 from cartpend_dae.identify import Fit
 from cartpend_dae.language import Component
+from cartpend_dae.notebook import table
 from cartpend_dae.study_schema import ScoreSpec
 from cartpend_dae.unknowns import Prior
 
@@ -112,3 +114,15 @@ class Discovery:
     before: Assessment
     after: Assessment
     model_plus: Component
+
+    def _repr_html_(self) -> str:
+        """Show in a notebook what was added, and the errors before and after."""
+        added = [f"`{step.candidate.insertion.prefix}`" for step in self.search.steps]
+        last = {run.name: run for run in self.after.runs}
+        rows = [
+            (f"{run.name} ({run.role})", name, quantity(e.rmse, e.unit), quantity(after.rmse, after.unit))
+            for run in self.before.runs
+            for name, e, after in zip(run.outputs, run.outputs.values(), last[run.name].outputs.values(), strict=True)
+        ]
+        title = f"{type(self.setup.model).__name__}: {self.search.verdict}, added {', '.join(added) or 'nothing'}"
+        return table(title, ("run", "output", "error before", "error after"), rows)
