@@ -8,12 +8,21 @@ from difflib import get_close_matches
 from itertools import islice
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from cartpend_dae.errors import StudyError
+from cartpend_dae.everyday import for_people
+from cartpend_dae.notebook import sparkline, table
+
+if TYPE_CHECKING:
+    import xarray  # pyright: ignore[reportMissingImports]
+
+SHOWN = 30
+"""Variables of a trajectory that a notebook shows."""
 FloatArray = NDArray[np.float64]
 
 
@@ -167,6 +176,43 @@ class Trajectory:
         """Return the variables as columns, with `time` as the index."""
         values = self.values[:, [self.columns[name] for name in self.names]]
         return pd.DataFrame(values, pd.Index(self.time, name="time"), pd.Index(self.names))
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return `to_frame` with the SI units of the columns in its `attrs`."""
+        frame = self.to_frame()
+        frame.attrs["units"] = dict(zip(self.names, self.units, strict=True))
+        return frame
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Return the variables as a data set over `time`, each with its SI unit.
+
+        Raises
+        ------
+        StudyError
+            If xarray is not installed.
+        """
+        try:
+            import xarray
+        except ImportError:
+            raise StudyError("`to_xarray` needs xarray: pip install 'cartpend-dae[xarray]'.") from None
+        time = xarray.Variable("time", self.time, {"units": "s"})
+        variables = {
+            name: ("time", self[name], {"units": unit}) for name, unit in zip(self.names, self.units, strict=True)
+        }
+        return xarray.Dataset(variables, coords={"time": time})
+
+    def _repr_html_(self) -> str:
+        """Show the variables in a notebook: ends, extremes and a small curve of each."""
+        rows = []
+        for name, unit in islice(zip(self.names, self.units, strict=True), SHOWN):
+            factor, shown = for_people(unit)
+            values = factor * self[name]
+            numbers = (values[0], values[-1], np.nanmin(values), np.nanmax(values))
+            rows.append((name, shown, *(f"{number:.4g}" for number in numbers), sparkline(values.tolist())))
+        heads = ("variable", "unit", "start", "end", "least", "largest", "")
+        title = f"{len(self.names)} variables from {self.time[0]:g} s to {self.time[-1]:g} s, {self.time.size} samples"
+        more = len(self.names) - len(rows)
+        return table(title, heads, rows, [f"and {more} more, by name or `to_pandas()`"] if more else [])
 
     def to_csv(self, path: Path | str) -> None:
         """Write a csv file with a column `time`; numbers read back exactly, and no half file is ever left."""

@@ -18,10 +18,9 @@ from scipy.linalg import (
 )
 from scipy.signal import place_poles
 
-from cartpend_dae.errors import ModelError, SolverError
+from cartpend_dae.errors import ModelError, SolverError, unknown_name
 from cartpend_dae.linear_model import FloatArray, LinearModel, matrix_lines, pole_text, sorted_poles
 from cartpend_dae.quantities import is_number
-from cartpend_dae.system import unknown_name
 
 Weights = Mapping[str, float] | Sequence[Sequence[float]] | FloatArray
 EDGE = 1e-8

@@ -1,5 +1,6 @@
 """What can go wrong, one class for each kind of remedy."""
 
+from difflib import get_close_matches
 from typing import ClassVar
 
 
@@ -30,3 +31,11 @@ class StudyError(CartpendError, ValueError):
     """An input file is wrong: a study, a log or a model file, with the key or column named."""
 
     exit_code = 2
+
+
+def unknown_name(kind: str, name: str, known: list[str], where: str) -> str:
+    """Return the sentence for a name that does not exist, with the nearest ones that do."""
+    near = get_close_matches(name, known, n=3, cutoff=0.5)
+    same_end = [k for k in known if k.rsplit(".", 1)[-1] == name.rsplit(".", 1)[-1]][:3]
+    offers = list(dict.fromkeys(near + same_end)) or known[:8]
+    return f"{where} has no {kind} `{name}`; did you mean {', '.join(f'`{k}`' for k in offers)}?"

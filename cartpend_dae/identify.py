@@ -8,7 +8,9 @@ import numpy as np
 
 from cartpend_dae.collocation import collocated
 from cartpend_dae.cuts import run_of
+from cartpend_dae.everyday import uncertain
 from cartpend_dae.gauss_newton import ITERATIONS, Solution, bounds, gauss_newton, interior_point
+from cartpend_dae.notebook import table
 from cartpend_dae.problem import Problem, dominant_frequency
 from cartpend_dae.programme import Hessian
 from cartpend_dae.residual_noise import NoiseModel
@@ -71,6 +73,16 @@ class Fit:
     notes: tuple[str, ...] = ()
     form: Form = "smooth"
     stepped: "Fit | None" = None
+
+    def _repr_html_(self) -> str:
+        """Show the estimates in a notebook."""
+        rows = [
+            (e.name, uncertain(e.value, e.sd), e.unit, "" if e.status == "ok" else e.status)
+            for e in (*self.parameters, *self.starts, *self.tied)
+        ]
+        blind = [f"These runs leave a direction open: {sentence}." for sentence in self.blind]
+        title = f"Fit of {', '.join(run.name for run in self.runs)}: {self.message}"
+        return table(title, ("estimate", "value ± sd", "unit", ""), rows, (*blind, *self.notes))
 
     @property
     def values(self) -> dict[str, float]:

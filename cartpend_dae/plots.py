@@ -19,8 +19,9 @@ from cartpend_dae.data import Trajectory
 from cartpend_dae.discover.records import Candidate, Search
 from cartpend_dae.discover.trial import MIN_BIC_GAIN, MIN_SHARE
 from cartpend_dae.errors import ModelError
+from cartpend_dae.everyday import for_people
 from cartpend_dae.linear_model import LinearModel
-from cartpend_dae.report.text import all_candidates, effect_name, for_people
+from cartpend_dae.report.text import all_candidates, effect_name
 from cartpend_dae.system import System
 from cartpend_dae.uncertainty import NORMAL_95
 

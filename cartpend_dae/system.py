@@ -1,15 +1,15 @@
 """The frozen data that the passes hand on: FlatSystem -> AliasedSystem -> System."""
 
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from fractions import Fraction
 from typing import Literal
 
 import casadi as ca
 import numpy as np
 
-from cartpend_dae.errors import ModelError
+from cartpend_dae.errors import ModelError, unknown_name
 from cartpend_dae.hybrid import Hybrid
+from cartpend_dae.latex import equations_html
 from cartpend_dae.quantities import Declaration
 
 Kind = Literal["variable", "potential", "flow", "input", "output", "discrete"]
@@ -290,6 +290,12 @@ class System:
         """Return the equations that are left, in the names of the model."""
         return describe(self)
 
+    def _repr_html_(self) -> str:
+        """Show the equations that are left as formulas in a notebook."""
+        residuals = ca.vertsplit(_with_dotted_names(self.aliased, self.aliased.residual, self.names))
+        lines = describe(self).splitlines()
+        return equations_html(lines[0], lines[1:5], zip(self.aliased.origins, residuals, strict=True))
+
 
 def parameters_of_all(flat: FlatSystem, values: np.ndarray | None = None) -> np.ndarray:
     """Return the values of all parameters, those included that follow from others, shape (n_parameters,)."""
@@ -305,14 +311,6 @@ def parameters_of_all(flat: FlatSystem, values: np.ndarray | None = None) -> np.
                 break
             found[dependent] = new
     return found
-
-
-def unknown_name(kind: str, name: str, known: list[str], where: str) -> str:
-    """Return the sentence for a name that does not exist, with the nearest ones that do."""
-    near = get_close_matches(name, known, n=3, cutoff=0.5)
-    same_end = [k for k in known if k.rsplit(".", 1)[-1] == name.rsplit(".", 1)[-1]][:3]
-    offers = list(dict.fromkeys(near + same_end)) or known[:8]
-    return f"{where} has no {kind} `{name}`; did you mean {', '.join(f'`{k}`' for k in offers)}?"
 
 
 def describe(system: System) -> str:

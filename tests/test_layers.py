@@ -12,7 +12,7 @@ ROOT = PACKAGE.name
 MAX_LINES = 400
 
 LAYERS = """
-    errors units graph explicit
+    errors units graph explicit everyday notebook latex
     parallel
     explain linear compiled along
     quantities collector
@@ -86,6 +86,7 @@ LAYERS = """
     report.text
     plots animate
     fmi
+    plot
     report
     progress
     console

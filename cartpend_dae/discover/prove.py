@@ -13,8 +13,10 @@ from cartpend_dae.discover.store import Store
 from cartpend_dae.discover.workbench import Workbench, assembled, renamed, set_values
 from cartpend_dae.effects import Card, Insertion, Place, catalogue, insert_all, places
 from cartpend_dae.errors import ModelError, SolverError
+from cartpend_dae.everyday import quantity
 from cartpend_dae.identify import Fit
 from cartpend_dae.language import Component
+from cartpend_dae.notebook import table
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +38,18 @@ class Discovery:
     after: Assessment
     model_plus: Component
     beyond: Beyond = Beyond(None, (), ())
+
+    def _repr_html_(self) -> str:
+        """Show in a notebook what was added, and the errors before and after."""
+        added = [f"`{step.candidate.insertion.prefix}`" for step in self.search.steps]
+        last = {run.name: run for run in self.after.runs}
+        rows = [
+            (f"{run.name} ({run.role})", name, quantity(e.rmse, e.unit), quantity(after.rmse, after.unit))
+            for run in self.before.runs
+            for name, e, after in zip(run.outputs, run.outputs.values(), last[run.name].outputs.values(), strict=True)
+        ]
+        title = f"{type(self.setup.model).__name__}: {self.search.verdict}, added {', '.join(added) or 'nothing'}"
+        return table(title, ("run", "output", "error before", "error after"), rows)
 
 
 def _silent(stage: str, label: str, error: float) -> None:

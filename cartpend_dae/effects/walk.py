@@ -2,9 +2,8 @@
 
 from collections.abc import Iterator
 
-from cartpend_dae.errors import ModelError
+from cartpend_dae.errors import ModelError, unknown_name
 from cartpend_dae.language import Component, parts_of
-from cartpend_dae.system import unknown_name
 
 
 def walk(model: Component, path: str = "") -> Iterator[tuple[str, Component]]:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import LogLocator, MaxNLocator
 
+from cartpend_dae.everyday import for_people
 from cartpend_dae.report.stored import Run, Series
-from cartpend_dae.report.text import for_people
 
 WIDTH, LEFT, RIGHT = 720.0, 62.0, 8.0
 BINS = 480

@@ -9,8 +9,8 @@ from rich import box
 from rich.table import Table
 
 from cartpend_dae.data_report import DataReport, RunFigures
+from cartpend_dae.everyday import for_people
 from cartpend_dae.figures import ChannelFigures
-from cartpend_dae.report.text import for_people
 
 
 def data_json(report: DataReport) -> str:

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from cartpend_dae.everyday import for_people, uncertain, with_unit
 from cartpend_dae.report.numbers import listed, number, prefixed
-from cartpend_dae.report.text import effect_name, for_people, uncertain, with_unit
+from cartpend_dae.report.text import effect_name
 
 Json = dict[str, Any]
 

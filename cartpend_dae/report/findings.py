@@ -5,9 +5,10 @@ from typing import Any
 
 from scipy.stats import beta
 
+from cartpend_dae.everyday import uncertain, with_unit
 from cartpend_dae.report.facts import ROLES
 from cartpend_dae.report.numbers import capital, listed, number, percent
-from cartpend_dae.report.text import effect_name, uncertain, with_unit
+from cartpend_dae.report.text import effect_name
 
 Json = dict[str, Any]
 

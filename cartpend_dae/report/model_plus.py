@@ -21,9 +21,10 @@ from cartpend_dae import language, splice
 from cartpend_dae.discover import Discovery
 from cartpend_dae.effects.rebuild import signals_of
 from cartpend_dae.effects.walk import walk
+from cartpend_dae.everyday import quantity, uncertain, with_unit
 from cartpend_dae.language import Component, Port, attached_to, bindings_of, parameters_of
 from cartpend_dae.quantities import InstanceState, state_of
-from cartpend_dae.report.text import effect_name, estimated, quantity, uncertain, with_unit
+from cartpend_dae.report.text import effect_name, estimated
 from cartpend_dae.session import Opened
 
 INDENT = "    "

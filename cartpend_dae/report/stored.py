@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from cartpend_dae.errors import StudyError
-from cartpend_dae.report.text import for_people
+from cartpend_dae.everyday import for_people
 
 COMMANDS = ("identify", "discover")
 

@@ -8,10 +8,11 @@ from rich.table import Table
 from cartpend_dae.assess import Assessment
 from cartpend_dae.data import Experiment, Trajectory, noise_sd
 from cartpend_dae.discover.records import Search
+from cartpend_dae.everyday import for_people, quantity, uncertain
 from cartpend_dae.experiment_design import Ranking
 from cartpend_dae.identify import Estimate, Fit
 from cartpend_dae.report.result import Identification
-from cartpend_dae.report.text import all_candidates, for_people, quantity, uncertain
+from cartpend_dae.report.text import all_candidates
 from cartpend_dae.session import Opened
 from cartpend_dae.system import System
 

@@ -11,6 +11,8 @@ from cartpend_dae.discover import Discovery, Gate
 from cartpend_dae.discover.gate import LIMIT
 from cartpend_dae.discover.records import Candidate, Search
 from cartpend_dae.errors import SolverError
+from cartpend_dae.everyday import for_people as for_people
+from cartpend_dae.everyday import quantity, uncertain, with_unit
 from cartpend_dae.experiment_design import Ranking
 from cartpend_dae.identify import Estimate, Fit
 from cartpend_dae.session import Opened
@@ -20,35 +22,6 @@ from cartpend_dae.system import FlatSystem, System
 NAMES = {"coulomb": "Coulomb", "dahl": "Dahl", "lugre": "LuGre", "maxwell": "Maxwell", "stribeck": "Stribeck"}
 SHOWN = 60
 """Lines of a long list that are shown unless all are asked for."""
-
-
-def for_people(unit: str) -> tuple[float, str]:
-    """Return the factor and the unit in which a quantity is shown: degrees for radians, else as it is."""
-    shown = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2"}
-    return (180 / math.pi, shown[unit]) if unit in shown else (1.0, unit)
-
-
-def quantity(value: float, unit: str) -> str:
-    """Write a value of SI `unit` in everyday units, with three digits."""
-    factor, shown = for_people(unit)
-    return with_unit(f"{value * factor:.3g}", shown)
-
-
-def with_unit(text: str, unit: str) -> str:
-    """Write a number with its unit; the unit 1 is left out."""
-    return text if unit == "1" else f"{text} {unit}"
-
-
-def uncertain(value: float, sd: float | None) -> str:
-    """Write a value and its standard deviation to the digit that the latter allows: 0.01502 ± 0.00002."""
-    if sd is None or not math.isfinite(sd):
-        return f"{value:.4g}"
-    if sd == 0 or not math.isfinite(value):
-        return f"{value:.6g} ± {sd:.2g}"
-    decimals = 1 - math.floor(math.log10(sd))
-    if decimals > 8 or abs(value) >= 1e7:
-        return f"{value:.{max(3, decimals + math.floor(math.log10(abs(value) or sd)) + 1)}g} ± {sd:.2g}"
-    return f"{round(value, decimals):.{max(0, decimals)}f} ± {round(sd, decimals):.{max(0, decimals)}f}"
 
 
 def estimated(estimate: Estimate) -> str:
