@@ -1,7 +1,7 @@
-"""Measure shooting and collocation with both Hessians on the chain of three masses: ``python tests/benchmarks/methods.py``.
+"""Measure shooting and collocation with both Hessians on the chain of three masses.
 
-``--samples`` and ``--runs`` say how much data there is; the times are those of this process, from the problem to the
-covariance. The table is printed for docs/how-it-works.md.
+``python tests/benchmarks/methods.py``; ``--samples`` and ``--runs`` say how much data there is. Times are those of
+this process, from the problem to the covariance. The table is printed for docs/how-it-works.md.
 """
 
 import argparse
