@@ -17,6 +17,7 @@ from cartpend_dae.data import Channel, Experiment, Start
 from cartpend_dae.exact_form import farthest, finished, refined
 from cartpend_dae.identify import estimate
 from cartpend_dae.library import rotational, translational
+from cartpend_dae.library.rotational_parts import ElastoBacklash2
 from cartpend_dae.likelihood import profile
 from cartpend_dae.problem import free_parameter, make_problem
 from cartpend_dae.session import identify_study, open_study
@@ -282,3 +283,35 @@ def test_what_cannot_be_simulated_keeps_its_steps(monkeypatch):
     fit = finished(cart_problem(), cart_fit())
     assert fit.form == "time-stepping"
     assert fit.notes[-1].endswith("not on its exact form: It breaks down at 1 s.")
+
+
+class Rattling(Component):
+    """Two inertias with play between them: the torque jumps at each contact."""
+
+    def __post_init__(self) -> None:
+        self.drive, self.gap = rotational.Torque(), ElastoBacklash2(c=20.0, d=0.02, b=0.1)
+        self.a, self.b = rotational.Inertia(J=1e-3), rotational.Inertia(J=2e-3)
+
+    def equations(self) -> Statements:
+        yield connect(self.drive.flange, self.a.flange_a)
+        yield connect(self.a.flange_b, self.gap.flange_a)
+        yield connect(self.gap.flange_b, self.b.flange_a)
+
+
+def test_contacts_in_a_gap_are_found_exactly_where_steps_are_far_off():
+    system, times = assemble(Rattling()), np.linspace(0.0, 2.0, 401)
+    torque = 0.2 * np.sin(2 * np.pi * 1.3 * times)
+    run = simulate(system, times=times, inputs={"drive.tau": (times, torque, "foh")}, rtol=1e-9, atol=1e-11)
+    inputs = {"drive.tau": Channel(torque, "foh", None, "N.m", 0.0)}
+    experiment = experiment_of(run, {"a.w": "rad/s", "b.w": "rad/s"}, {}, noise=1e-3, inputs=inputs)
+    truth = {"gap.c": 20.0, "gap.b": 0.1, "b.J": 2e-3}
+    free = tuple(free_parameter(system, name, guess=1.05 * value, lower=0.1 * value) for name, value in truth.items())
+    problem = make_problem(system, free, (experiment,), step=5e-4)
+    before = estimate(problem, guess=estimate(problem, bandwidth=30.0).point)
+    fit = finished(problem, before)
+    assert before.chi2 > 10 * before.n_residuals  # even ten steps from sample to sample miss the contacts
+    # the noise is all that is left: chi2 of 802 residuals scatters by 40
+    assert fit.form == "exact" and fit.chi2 == pytest.approx(fit.n_residuals, abs=120)
+    for item in fit.parameters:
+        assert item.value == pytest.approx(truth[item.name], abs=4 * item.sd)
+        assert item.sd < 1e-4 * item.value
