@@ -16,11 +16,24 @@ BLIND = 1e-10
 
 
 def candidates(cards: tuple[Card, ...], places: tuple[Place, ...], taken: tuple[Insertion, ...]) -> list[Insertion]:
-    """Return every effect at every place that fits, from each of its starts, except what the model has already."""
+    """Return every effect at every place that fits, from each of its starts, except what the model has already.
+
+    A contact has one law of dry friction: where the model has one, another is no addition.
+    """
     names = {insertion.prefix for insertion in taken}
+    rubbing = {name for insertion in taken if _is_dry(insertion.card) for name in _motion(insertion.place)}
     fitting = [(card, place) for place in places for card in cards if fits(card, place)]
+    fitting = [(card, place) for card, place in fitting if not (_is_dry(card) and rubbing & _motion(place))]
     found = [Insertion(card, place, start) for card, place in fitting for start in card.starts(place.kind)]
     return [insertion for insertion in found if insertion.prefix not in names]
+
+
+def _is_dry(card: Card) -> bool:
+    return card.insertion == "parallel" and "sign v" in card.regressors
+
+
+def _motion(place: Place) -> set[str]:
+    return {place.at, *place.same_motion}
 
 
 def screen(

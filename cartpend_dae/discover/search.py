@@ -1,7 +1,7 @@
 """Stage 4: add what the data ask for, one effect after the other, and take back what they no longer need."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -45,6 +45,7 @@ def search(
     """
     noise = _noise_rules(bench)
     base = _fit_base(bench, (), {}, noise)
+    base = replace(base, bare=base.fit.chi2)
     gate = residuals(base.fit)
     if not gate.is_passed and regime != "disturbances":
         return Search("noise", 0.0, base.fit, gate, base.fit, gate, (), (), "no-discrepancy", False)
@@ -117,7 +118,7 @@ def _grow(bench: Workbench, base: Base, rules: Rules, library: _Library, max_ste
         if not ranked or ranked[0].why_not:
             break
         winner = ranked[0]
-        base = _base_of(bench, base.taken, winner, rules)
+        base = _base_of(bench, base, base.taken, winner, rules)
         steps = [*log.steps, Step(winner, residuals(base.fit), aliases(winner, ranked))]
         base, steps = _prune(bench, base, steps, rules)
         base, steps = _swap(bench, base, steps, rules, library)
@@ -162,20 +163,20 @@ def _fit_base(bench: Workbench, taken: tuple[Insertion, ...], guess: Mapping[str
     return Base(taken, fits)
 
 
-def _base_of(bench: Workbench, taken: tuple[Insertion, ...], winner: Candidate, rules: Rules) -> Base:
+def _base_of(bench: Workbench, before: Base, taken: tuple[Insertion, ...], winner: Candidate, rules: Rules) -> Base:
     assert winner.fit is not None
     together = (*taken, winner.insertion)
     if rules.regime == "disturbances":
-        return Base(together, {rules.screening: winner.fit})
+        return Base(together, {rules.screening: winner.fit}, before.bare)
     early = bench.fit(together, winner.fit.point, (rules.screening,), rules.sd)
-    return Base(together, {rules.screening: early, 0.0: winner.fit})
+    return Base(together, {rules.screening: early, 0.0: winner.fit}, before.bare)
 
 
 def _prune(bench: Workbench, base: Base, steps: list[Step], rules: Rules) -> tuple[Base, list[Step]]:
     """Take back each earlier addition that the model with the last one does without."""
     for step in list(steps[:-1]):
         fewer = tuple(i for i in base.taken if i.prefix != step.candidate.insertion.prefix)
-        trial = _fit_base(bench, fewer, base.fits[rules.screening].point, rules)
+        trial = replace(_fit_base(bench, fewer, base.fits[rules.screening].point, rules), bare=base.bare)
         if rules.regime == "noise":
             is_needed = bic(trial.fit) - bic(base.fit) > MIN_BIC_GAIN
         else:
@@ -198,14 +199,14 @@ def _swap(bench: Workbench, base: Base, steps: list[Step], rules: Rules, library
         here = tuple(place for place in places if place.at == old.candidate.insertion.place.at)
         others = [s for s in steps if s is not old]
         fewer = tuple(s.candidate.insertion for s in others)
-        without = _fit_base(bench, fewer, base.fits[rules.screening].point, rules)
+        without = replace(_fit_base(bench, fewer, base.fits[rules.screening].point, rules), bare=base.bare)
         ranked = try_all(bench, without, rules, candidates(cards, here, fewer))
         best = ranked[0] if ranked else None
         if best is None or best.why_not or best.fit is None or best.insertion.prefix == old.candidate.insertion.prefix:
             continue
         if _criterion(base.fit, rules) - _criterion(best.fit, rules) <= NEAR:
             continue
-        base = _base_of(bench, fewer, best, rules)
+        base = _base_of(bench, base, fewer, best, rules)
         steps = [*others, Step(best, residuals(base.fit), aliases(best, ranked))]
     return base, steps
 

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.continuous import without_events
-from cartpend_dae.discover.workbench import Workbench, assembled
+from cartpend_dae.discover.workbench import COARSE, Workbench, assembled
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError
 from cartpend_dae.problem import Problem
@@ -151,7 +151,7 @@ def one_by_one(
     SolverError
         If the simulation diverges.
     """
-    problem = bench.build((*taken, option), bench.setup.train)
+    problem = bench.build((*taken, option), bench.setup.train, COARSE)
     values = scaled_values(problem, point)
     w = np.full(len(problem.outputs), float(bandwidth))
     data = stack_data(problem.layout, problem.experiments, 1.0 / sd)

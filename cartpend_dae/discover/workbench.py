@@ -20,6 +20,8 @@ from cartpend_dae.unknowns import Free, tie
 Report = Callable[[str, str, float], None]
 # product of step and fastest eigenvalue where integration need not be exact; Runge-Kutta is stable up to 2.8
 COARSE = 1.0
+# the same where candidates are compared for the first time
+ROUGH = 0.25
 
 
 @dataclass(slots=True)
@@ -32,7 +34,7 @@ class Workbench:
 
     setup: Setup
     report: Report
-    problems: dict[tuple[str, ...], Problem] = field(default_factory=dict)
+    problems: dict[tuple[float | None, tuple[str, ...]], Problem] = field(default_factory=dict)
     sizes: dict[str, float] = field(default_factory=dict)
     jobs: int = 1
 
@@ -45,18 +47,21 @@ class Workbench:
         for name, value in sizes.items():
             self.sizes.setdefault(name, abs(value))
 
-    def problem(self, insertions: tuple[Insertion, ...]) -> Problem:
-        """Return the problem of the model with effects on the training runs."""
-        key = tuple(str((insertion.prefix, dict(insertion.values))) for insertion in insertions)
+    def problem(self, insertions: tuple[Insertion, ...], stride: float | None = None) -> Problem:
+        """Return the problem of the model with effects on the training runs; for `stride` see `build`."""
+        key = stride, tuple(str((insertion.prefix, dict(insertion.values))) for insertion in insertions)
         if key not in self.problems:
-            self.problems[key] = self.build(insertions, self.setup.train)
+            self.problems[key] = self.build(insertions, self.setup.train, stride)
         return self.problems[key]
 
-    def build(self, insertions: tuple[Insertion, ...], experiments: tuple[Experiment, ...]) -> Problem:
-        """Make a problem on given runs."""
+    def build(
+        self, insertions: tuple[Insertion, ...], experiments: tuple[Experiment, ...], stride: float | None = None
+    ) -> Problem:
+        """Make a problem on given runs, with steps as far as `stride` allows if it is given."""
         system = assembled(self.setup.model, insertions, experiments)
         free = self._free(system, insertions)
-        return self._problem(system, free, renamed(experiments, insertions), self.setup.step)
+        problem = self._problem(system, free, renamed(experiments, insertions), self.setup.step)
+        return problem if stride is None else replace(problem, step=None, stride=stride)
 
     def problem_of(
         self, system: System, taken: tuple[Insertion, ...], inside: tuple[Insertion, ...], *, coarse: bool = False
@@ -112,9 +117,10 @@ class Workbench:
         *,
         patient: bool = True,
         iterations: int | None = None,
+        stride: float | None = None,
     ) -> Fit:
         """Fit along decreasing output injection, each stage from the last; `patient` as of `estimate`."""
-        problem = self.problem(insertions)
+        problem = self.problem(insertions, stride)
         label = " + ".join(insertion.prefix for insertion in insertions) or "baseline"
         point = dict(guess)
         most = iterations or self.setup.max_iterations or ITERATIONS
