@@ -1,12 +1,15 @@
 """Stage 2: which effect at which place could explain the residual? One linearisation for all, no fit."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from cartpend_dae.discover.disturbed import predictions
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.sweep import Sweep, one_by_one, sweep
+from cartpend_dae.discover.weigh import Weighed
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place, fits
 from cartpend_dae.errors import ModelError, SolverError
@@ -43,6 +46,8 @@ def screen(
     options: list[Insertion],
     bandwidth: float,
     sd: np.ndarray,
+    *,
+    weighed: Weighed | None = None,
 ) -> list[Candidate]:
     """Predict for each candidate its parameters and by how much the cost would fall.
 
@@ -63,6 +68,8 @@ def screen(
         Bandwidth of the output injection of that fit [rad/s].
     sd
         Noise used as weight, shape (n_y,).
+    weighed
+        That fit against random forces, which candidates must explain better than; None leaves it at noise.
 
     Returns
     -------
@@ -71,7 +78,9 @@ def screen(
         effect stands once at a place, with the start that promises most.
     """
     found = [
-        candidate for batch in _batches(options) for candidate in _screened(bench, taken, point, batch, bandwidth, sd)
+        candidate
+        for batch in _batches(options)
+        for candidate in _screened(_At(bench, taken, point, bandwidth, sd, weighed), batch)
     ]
     ranked = sorted(found, key=lambda candidate: (bool(candidate.why_not), -candidate.predicted))
     best: dict[str, Candidate] = {}
@@ -91,38 +100,44 @@ def _batches(options: list[Insertion]) -> list[tuple[Insertion, ...]]:
     return [tuple(batch.values()) for batch in batches]
 
 
-def _screened(
-    bench: Workbench,
-    taken: tuple[Insertion, ...],
-    point: Mapping[str, float],
-    batch: tuple[Insertion, ...],
-    bandwidth: float,
-    sd: np.ndarray,
-) -> list[Candidate]:
+@dataclass(frozen=True, slots=True)
+class _At:
+    """The point at which all candidates are judged; see `screen`."""
+
+    bench: Workbench
+    taken: tuple[Insertion, ...]
+    point: Mapping[str, float]
+    bandwidth: float
+    sd: np.ndarray
+    weighed: Weighed | None
+
+    def sweep(self, batch: tuple[Insertion, ...]) -> Sweep:
+        return sweep(self.bench, self.taken, batch, self.point, self.bandwidth, self.sd)
+
+    def alone(self, option: Insertion) -> Sweep:
+        return one_by_one(self.bench, self.taken, option, self.point, self.bandwidth, self.sd)
+
+    def predictions(self, batch: tuple[Insertion, ...], found: Sweep) -> list[Candidate]:
+        plain = _predictions(batch, found)
+        return plain if self.weighed is None else predictions(plain, found, self.weighed)
+
+
+def _screened(at: _At, batch: tuple[Insertion, ...]) -> list[Candidate]:
     """Judge a batch together; those too fast for that alone, and halves where something cannot be simulated."""
     try:
-        found = sweep(bench, taken, batch, point, bandwidth, sd)
+        found = at.sweep(batch)
     except (SolverError, ModelError) as error:
         if len(batch) == 1:
             return [Candidate(batch[0], batch[0].starts, 0.0, 0.0, 0.0, None, f"it cannot be tried: {error}")]
         half = len(batch) // 2
-        parts = batch[:half], batch[half:]
-        return [c for part in parts for c in _screened(bench, taken, point, part, bandwidth, sd)]
+        return [c for part in (batch[:half], batch[half:]) for c in _screened(at, part)]
     smooth = tuple(option for option in batch if all(name in found.sizes for name in option.size_names))
-    alone = [_alone(bench, taken, o, point, bandwidth, sd) for o in batch if o not in smooth]
-    return _predictions(smooth, found) + alone
+    return at.predictions(smooth, found) + [_alone(at, o) for o in batch if o not in smooth]
 
 
-def _alone(
-    bench: Workbench,
-    taken: tuple[Insertion, ...],
-    option: Insertion,
-    point: Mapping[str, float],
-    bandwidth: float,
-    sd: np.ndarray,
-) -> Candidate:
+def _alone(at: _At, option: Insertion) -> Candidate:
     try:
-        return _predictions((option,), one_by_one(bench, taken, option, point, bandwidth, sd))[0]
+        return at.predictions((option,), at.alone(option))[0]
     except (SolverError, ModelError) as error:
         return Candidate(option, option.starts, 0.0, 0.0, 0.0, None, f"it cannot be tried: {error}")
 

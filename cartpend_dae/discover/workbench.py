@@ -9,6 +9,7 @@ from cartpend_dae.assemble import assemble
 from cartpend_dae.data import Experiment
 from cartpend_dae.discover.records import Setup
 from cartpend_dae.effects import Insertion, insert_all
+from cartpend_dae.errors import SolverError
 from cartpend_dae.gauss_newton import ITERATIONS
 from cartpend_dae.identify import Fit, estimate
 from cartpend_dae.language import Component
@@ -126,7 +127,10 @@ class Workbench:
         most = iterations or self.setup.max_iterations or ITERATIONS
         fit: Fit | None = None
         for bandwidth in bandwidths:
-            fit = estimate(problem, bandwidth=bandwidth, guess=point, sd=sd, patient=patient, iterations=most)
+            try:
+                fit = estimate(problem, bandwidth=bandwidth, guess=point, sd=sd, patient=patient, iterations=most)
+            except (np.linalg.LinAlgError, ValueError) as error:  # sensitivities beyond all numbers
+                raise SolverError(f"The fit with `{label}` ended where the simulation diverges ({error}).") from error
             self.report(f"fit at {bandwidth:.3g} rad/s", label, float(np.sqrt(fit.chi2 / fit.n_residuals)))
             point = fit.point
         assert fit is not None
