@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from cartpend_dae.discover.evidence import determined
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.sweep import Sweep
 from cartpend_dae.discover.unknown_input import likelihood, whitened
@@ -23,7 +24,9 @@ CHANCE = 0.01
 MIN_T = 3.0
 # candidates whose criterion differs by less explain the data alike
 ALIKE = 20.0
-NARROW, EARLY = 4, 8
+EARLY = 8
+# columns of which no more is left are not told from what is fitted already
+BLIND = 1e-8
 
 
 def penalty(n_options: int) -> float:
@@ -129,7 +132,7 @@ def _bounded(
     across = np.linalg.lstsq(gram[np.ix_(fixed, fixed)], gram[np.ix_(fixed, rest)], rcond=1e-10)[0]
     left = gram[np.ix_(rest, rest)] - gram[np.ix_(rest, fixed)] @ across
     values, vectors = np.linalg.eigh(left[1:, 1:])
-    good = values > 1e-10 * max(values.max(initial=0.0), 1e-12)
+    good = values > BLIND  # of columns of length one, before what is fitted already is taken out
     root = np.sqrt(values[good])
     matrix, target = root[:, None] * vectors[:, good].T, -(vectors[:, good] / root).T @ left[1:, 0]
     low, high = (np.array(side) / scale[own] for side in zip(*bounds, strict=True))
@@ -138,7 +141,7 @@ def _bounded(
     found = lsq_linear(matrix, target, (low, high), method="bvls", tol=1e-12).x
     found[np.abs(found) < 1e-6 * np.abs(found).max(initial=0.0)] = 0.0
     squares = left[0, 0] + 2 * left[1:, 0] @ found + found @ left[1:, 1:] @ found
-    return float(squares), found * scale[own]
+    return max(float(squares), 0.0), found * scale[own]
 
 
 def judge(
@@ -212,5 +215,5 @@ def ordered(judged: list[Candidate], second: Callable[[Candidate, Candidate], st
     if not good:
         return found
     alike = [c for c in good if good[0].gain - c.gain < ALIKE]
-    first = min(alike, key=lambda c: (len(c.insertion.parameter_names), -c.gain))
+    first = min(alike, key=lambda c: (determined(c.fit), -c.gain))
     return [first, *(replace(c, why_not=c.why_not or second(c, first)) for c in found if c is not first)]

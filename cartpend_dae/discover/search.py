@@ -8,7 +8,7 @@ from cartpend_dae.discover.evidence import bic, with_robust_sd
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdict
 from cartpend_dae.discover.screen import candidates, screen
-from cartpend_dae.discover.trial import MIN_BIC_GAIN, NEAR, Base, Rules, aliases, try_all
+from cartpend_dae.discover.trial import MIN_BIC_GAIN, NEAR, Base, Rules, aliases, is_nearly_all, try_all
 from cartpend_dae.discover.weigh import loads_at, weigh
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place
@@ -56,9 +56,13 @@ def search(
             base = _grow(bench, start, rules, library, max_steps, log)
         if regime == "disturbances" or (regime is None and residuals(base.fit).is_passed):
             # no sum of effects leaves noise alone, so that something else moves the rig as well
+            nearly, near = is_nearly_all(base), base
             rules, start = _disturbed(bench, noise, start, places)
-            log.steps, log.base = [], None
-            base = _grow(bench, start, rules, library, max_steps, log)
+            if nearly:
+                base = _fit_base(bench, near.taken, _early(near, noise), rules)
+            else:
+                log.steps, log.base = [], None
+                base = _grow(bench, start, rules, library, max_steps, log)
     except KeyboardInterrupt:
         log.is_interrupted, base = True, log.base or start
     last_gate = residuals(base.fit)
@@ -103,8 +107,10 @@ def _grow(bench: Workbench, base: Base, rules: Rules, library: _Library, max_ste
     """Add effects while there is structure; the free simulation has it, so there is always a first round."""
     while len(log.steps) < max_steps:
         options = candidates(*library, base.taken)
-        if rules.regime == "noise" and log.steps and not _is_supported(bench, base, rules, options, library[1]):
-            break
+        if rules.regime == "noise" and log.steps:
+            options = _supported(bench, base, rules, options, library[1])
+            if not options:
+                break
         ranked = try_all(bench, base, rules, options)
         log.tried |= {candidate.insertion.prefix: candidate for candidate in ranked}
         if not ranked or ranked[0].why_not:
@@ -120,15 +126,21 @@ def _grow(bench: Workbench, base: Base, rules: Rules, library: _Library, max_ste
     return base
 
 
-def _is_supported(
+def _supported(
     bench: Workbench, base: Base, rules: Rules, options: list[Insertion], places: tuple[Place, ...]
-) -> bool:
-    """Return whether any effect explains more of what is left than small random forces would."""
+) -> list[Insertion]:
+    """Return the effects that explain more of what is left than small random forces would, from each of their starts.
+
+    What an effect leaves may be the error of its law, or disturbances; a second one must do better than both.
+    """
     point, bandwidth = base.fits[rules.screening].point, rules.screening
     weighed = weigh(bench, base.taken, loads_at(places), point, bandwidth, rules.sd)
     screened = screen(bench, base.taken, point, options, bandwidth, rules.sd, weighed=weighed)
     cost = penalty(len(options))
-    return any(c.predicted > cost * len(c.insertion.size_names) for c in screened if not c.why_not)
+    good = {
+        c.insertion.prefix for c in screened if not c.why_not and c.predicted > cost * len(c.insertion.parameter_names)
+    }
+    return [option for option in options if option.prefix in good]
 
 
 def _reported(bench: Workbench, base: Base, rules: Rules) -> Fit:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cartpend_dae.discover.disturbed import judge, ordered, penalty
-from cartpend_dae.discover.evidence import bic, coloured_bic
+from cartpend_dae.discover.evidence import bic, coloured_bic, determined
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.records import Candidate, Regime
 from cartpend_dae.discover.screen import screen
@@ -21,6 +21,10 @@ from cartpend_dae.parallel import in_parallel
 WIDE, NARROW, EARLY = 10, 4, 6
 # with disturbances: so many are fitted, of those that promise this share of what they must gain
 FEW, HALF = 5, 0.5
+# with injection chi2 differs little between laws; those whose chi2 is this close are not told apart at the first stage
+NEARLY = 0.1
+# effects of one parameter are fitted as well where their prediction is behind by less than this share
+CLOSE = 0.2
 # predictions below this share of the best one are not fitted
 FAINT = 0.03
 # models whose criterion differs by less than this, or this share of chi2, explain the data alike: the smaller is taken
@@ -36,6 +40,8 @@ CLEAN = 2.5
 # alone, those that differ by less than this share of the squares are alike; and what is left then shows no other
 # effect, unless it leaves noise alone
 SHAPE = 0.03
+# chi2 of noise alone over the number of residuals: its sd, taken from the raw data, scatters by 4 to 7 percent
+NOISE_ALONE = 1.12
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,16 +84,31 @@ def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
     possible = [c for c in screened if not c.why_not]
     rest = [c for c in screened if c.why_not]
     wide = [c for c in possible[:WIDE] if c.predicted > FAINT * possible[0].predicted]
+    wide += [c for c in possible[WIDE:] if _is_simple(c) and c.predicted > (1 - CLOSE) * possible[0].predicted][:NARROW]
     rest += [replace(c, why_not="others promise more") for c in possible if c not in wide]
     for candidate in wide:
         bench.expect(candidate.parameters)
     early = _each(bench, wide, lambda at, candidate: _tried(at, base, rules, candidate), "first fit")
     rest += [c for c in early if c.why_not]
     ranked = sorted((c for c in early if not c.why_not), key=lambda c: bic(c.fit) if c.fit else np.inf)
-    rest += [replace(c, fit=None, why_not="others explain more at the first stage") for c in ranked[NARROW:]]
-    judged = _judged(bench, base, rules, ranked[:NARROW])
+    few = ranked[:NARROW] + (_as_simple_as_any(ranked[NARROW:], ranked) if ranked else [])
+    rest += [replace(c, fit=None, why_not="others explain more at the first stage") for c in ranked if c not in few]
+    judged = _judged(bench, base, rules, few)
     fitted = [c for c in judged if c.fit is not None]
     return _ordered(fitted, base) + [c for c in judged if c.fit is None] + rest
+
+
+def _is_simple(candidate: Candidate) -> bool:
+    return len(candidate.insertion.parameter_names) == 1
+
+
+def _as_simple_as_any(others: list[Candidate], ranked: list[Candidate]) -> list[Candidate]:
+    """Return those with the fewest parameters that a first fit, with injection, hardly tells from the best."""
+    best, fewest = ranked[0].fit, min(len(c.insertion.parameter_names) for c in ranked)
+    simple = [c for c in others if len(c.insertion.parameter_names) == fewest]
+    return [c for c in simple if c.fit is not None and best is not None and c.fit.chi2 < (1 + NEARLY) * best.chi2][
+        :NARROW
+    ]
 
 
 def _weighed_trials(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]) -> list[Candidate]:
@@ -172,7 +193,7 @@ def _ordered(fitted: list[Candidate], base: Base) -> list[Candidate]:
     best = good[0]
     assert best.fit is not None
     alike = [c for c in good if best.gain - c.gain < _margin(c, best) or _is_shapeless(c, good, base)]
-    first = min(alike, key=lambda c: (_count(c), -c.gain))
+    first = min(alike, key=lambda c: (determined(c.fit), -c.gain))
     others = [replace(c, why_not=c.why_not or _second(c, first)) for c in fitted if c is not first]
     return [first, *others]
 
@@ -185,13 +206,6 @@ def _margin(candidate: Candidate, best: Candidate) -> float:
     assert candidate.fit is not None and best.fit is not None
     share = ALIKE_SHARE if residuals(candidate.fit).is_passed else ALIKE_WHITE
     return max(ALIKE, share * best.fit.chi2)
-
-
-def _count(candidate: Candidate) -> int:
-    """Return how many numbers the data determine in the model with a candidate."""
-    fit = candidate.fit
-    assert fit is not None
-    return sum(estimate.status != "at-bound" for estimate in fit.parameters) - len(fit.blind)
 
 
 def _is_shapeless(candidate: Candidate, good: list[Candidate], base: Base) -> bool:
@@ -230,8 +244,14 @@ def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> 
 
 def _is_shape_error(base: Base, fit: Fit) -> bool:
     """Return whether an addition could be what the laws before it are wrong by."""
-    explained = base.bare - base.fit.chi2
-    return bool(base.taken) and base.fit.chi2 - fit.chi2 < SHAPE * explained and residuals(fit).is_passed
+    if not base.taken or base.fit.chi2 - fit.chi2 > SHAPE * (base.bare - base.fit.chi2):
+        return False
+    return residuals(fit).is_passed or fit.chi2 > NOISE_ALONE * fit.n_residuals
+
+
+def is_nearly_all(base: Base) -> bool:
+    """Return whether additions leave no more than their laws may be wrong by."""
+    return bool(base.taken) and base.fit.chi2 - base.fit.n_residuals < SHAPE * (base.bare - base.fit.chi2)
 
 
 def _white_t(fit: Fit, insertion: Insertion) -> float:
