@@ -186,7 +186,7 @@ def test_seeds_for_tuning_and_for_the_report_are_kept_apart(capsys):
 def test_a_result_is_kept_by_content_and_not_made_twice(loaded, tmp_path, monkeypatch):
     calls = []
 
-    def fake(study, out, timeout):
+    def fake(study, timeout):
         calls.append(study)
         return result([("constant_load", "bearing")]) | {"seconds": 1.0}, ""
 

@@ -33,7 +33,7 @@ def load_place(model):
 def test_a_closure_is_absent_where_its_weights_are_zero_and_acts_where_not(model, kind):
     closure = closure_at(load_place(model), kind, REACH)
     more = insert_all(model, (closure,))
-    free = weights(assemble(more), closure)
+    free = weights(assemble(more), closure.prefix)
     plain, same = simulate(model, 1.0, points=51), simulate(more, 1.0, points=51)
     name = assemble(model).states[0]
     np.testing.assert_allclose(same[name], plain[name], rtol=0, atol=1e-12)

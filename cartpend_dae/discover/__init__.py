@@ -4,7 +4,7 @@ Stages, each usable by itself on a `Workbench`, with data handed between them: `
 `search` or `refit`, `open_set`, `splits`, `rates` and `prove`; `discover` does them all.
 """
 
-from cartpend_dae.discover.closure import closure_at, train
+from cartpend_dae.discover.closure import Reach, closure_at, train, weights
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.localize import localize
 from cartpend_dae.discover.open_set import OpenSet, open_set
@@ -25,6 +25,7 @@ __all__ = [
     "Gate",
     "OpenSet",
     "Rate",
+    "Reach",
     "Search",
     "Setup",
     "Split",
@@ -43,4 +44,5 @@ __all__ = [
     "splits",
     "store_for",
     "train",
+    "weights",
 ]

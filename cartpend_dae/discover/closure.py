@@ -102,12 +102,12 @@ def kind_of(closure: Insertion) -> ClosureKind:
     return kinds[closure.card.id]
 
 
-def weights(system: System, closure: Insertion) -> tuple[Free, ...]:
-    """Return the weights of a closure as free parameters with their priors."""
+def weights(system: System, closure: str) -> tuple[Free, ...]:
+    """Return the weights of the closure of a dotted name as free parameters with their priors."""
     found = []
     for parameter in system.parameters:
         path, _, name = parameter.name.rpartition(".")
-        if path.startswith(f"{closure.prefix}.") and parameter.value is not None:
+        if path.startswith(f"{closure}.") and parameter.value is not None:
             prior = Prior(0.0 if name == "a" else parameter.value, WEIGHT)
             found.append(Free(parameter.name, parameter.value, -np.inf, np.inf, 1.0, "1", prior=prior))
     return tuple(found)
@@ -143,7 +143,7 @@ def train(
     SolverError
         If no fit ends with a usable point.
     """
-    problem = bench.with_weights(taken, closure, lambda system: weights(system, closure))
+    problem = bench.with_weights(taken, closure, lambda system: weights(system, closure.prefix))
     begin, compared = base
     point, found = dict(begin.point), None
     for bandwidth in bandwidths:

@@ -18,6 +18,13 @@ class Robust:
     sd: dict[str, float]
 
 
+def determined(fit: Fit | None) -> int:
+    """Return how many parameters the data determine in a fit: those inside their bounds, less the open directions."""
+    if fit is None:
+        return 0
+    return sum(estimate.status != "at-bound" for estimate in fit.parameters) - len(fit.blind)
+
+
 def bic(fit: Fit) -> float:
     """Return the Bayesian information criterion of a fit, with the noise estimated from it.
 

@@ -65,8 +65,9 @@ class Gate:
 class Candidate:
     """An effect at a place, and what the data say of it.
 
-    `gain` is the drop of the criterion (BIC in the regime of noise; percent of the cross-validated cost
-    with disturbances); `t` is estimate over block-jackknife sd; `why_not` is empty for the one accepted. `response` is
+    `gain` is the drop of the criterion (BIC in the regime of noise; -2 ln likelihood against random forces with
+    disturbances); `t` is estimate over sd, there that of the block jackknife; `why_not` is empty for the one
+    accepted. `response` is
     the direction in which it was predicted to move the residuals.
     """
 

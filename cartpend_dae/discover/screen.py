@@ -1,12 +1,15 @@
 """Stage 2: which effect at which place could explain the residual? One linearisation for all, no fit."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from cartpend_dae.discover.disturbed import predictions
 from cartpend_dae.discover.records import Candidate, Prediction
 from cartpend_dae.discover.sweep import Sweep, one_by_one, sweep
+from cartpend_dae.discover.weigh import Weighed
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place, fits
 from cartpend_dae.errors import ModelError, SolverError
@@ -16,11 +19,24 @@ BLIND = 1e-10
 
 
 def candidates(cards: tuple[Card, ...], places: tuple[Place, ...], taken: tuple[Insertion, ...]) -> list[Insertion]:
-    """Return every effect at every place that fits, from each of its starts, except what the model has already."""
+    """Return every effect at every place that fits, from each of its starts, except what the model has already.
+
+    A contact has one law of dry friction: where the model has one, another is no addition.
+    """
     names = {insertion.prefix for insertion in taken}
+    rubbing = {name for insertion in taken if _is_dry(insertion.card) for name in _motion(insertion.place)}
     fitting = [(card, place) for place in places for card in cards if fits(card, place)]
+    fitting = [(card, place) for card, place in fitting if not (_is_dry(card) and rubbing & _motion(place))]
     found = [Insertion(card, place, start) for card, place in fitting for start in card.starts(place.kind)]
     return [insertion for insertion in found if insertion.prefix not in names]
+
+
+def _is_dry(card: Card) -> bool:
+    return card.insertion == "parallel" and "sign v" in card.regressors
+
+
+def _motion(place: Place) -> set[str]:
+    return {place.at, *place.same_motion}
 
 
 def screen(
@@ -30,6 +46,8 @@ def screen(
     options: list[Insertion],
     bandwidth: float,
     sd: np.ndarray,
+    *,
+    weighed: Weighed | None = None,
 ) -> list[Candidate]:
     """Predict for each candidate its parameters and by how much the cost would fall.
 
@@ -50,6 +68,8 @@ def screen(
         Bandwidth of the output injection of that fit [rad/s].
     sd
         Noise used as weight, shape (n_y,).
+    weighed
+        That fit against random forces, which candidates must explain better than; None leaves it at noise.
 
     Returns
     -------
@@ -58,8 +78,10 @@ def screen(
         effect stands once at a place, with the start that promises most.
     """
     names = tuple(str((option.prefix, dict(option.values))) for option in (*taken, *options))
-    depends = names, len(taken), dict(point), bandwidth, sd
-    kept = bench.store.recall("screen", depends, lambda: _kept(bench, taken, point, options, bandwidth, sd))
+    against = None if weighed is None else (weighed.criterion, weighed.bandwidth, weighed.forces)
+    at = _At(bench, taken, point, bandwidth, sd, weighed)
+    depends = names, len(taken), dict(point), bandwidth, sd, against
+    kept = bench.store.recall("screen", depends, lambda: _kept(at, options))
     found = [
         Candidate(options[p.number], p.parameters, p.predicted, 0.0, 0.0, None, p.why_not, p.response) for p in kept
     ]
@@ -70,16 +92,9 @@ def screen(
     return list(best.values())
 
 
-def _kept(
-    bench: Workbench,
-    taken: tuple[Insertion, ...],
-    point: Mapping[str, float],
-    options: list[Insertion],
-    bandwidth: float,
-    sd: np.ndarray,
-) -> list[Prediction]:
+def _kept(at: "_At", options: list[Insertion]) -> list[Prediction]:
     """Screen all, as it can be kept on disk."""
-    found = (c for batch in _batches(options) for c in _screened(bench, taken, point, batch, bandwidth, sd))
+    found = (c for batch in _batches(options) for c in _screened(at, batch))
     number = {id(option): k for k, option in enumerate(options)}
     return [Prediction(number[id(c.insertion)], c.parameters, c.predicted, c.why_not, c.response) for c in found]
 
@@ -95,38 +110,44 @@ def _batches(options: list[Insertion]) -> list[tuple[Insertion, ...]]:
     return [tuple(batch.values()) for batch in batches]
 
 
-def _screened(
-    bench: Workbench,
-    taken: tuple[Insertion, ...],
-    point: Mapping[str, float],
-    batch: tuple[Insertion, ...],
-    bandwidth: float,
-    sd: np.ndarray,
-) -> list[Candidate]:
+@dataclass(frozen=True, slots=True)
+class _At:
+    """The point at which all candidates are judged; see `screen`."""
+
+    bench: Workbench
+    taken: tuple[Insertion, ...]
+    point: Mapping[str, float]
+    bandwidth: float
+    sd: np.ndarray
+    weighed: Weighed | None
+
+    def sweep(self, batch: tuple[Insertion, ...]) -> Sweep:
+        return sweep(self.bench, self.taken, batch, self.point, self.bandwidth, self.sd)
+
+    def alone(self, option: Insertion) -> Sweep:
+        return one_by_one(self.bench, self.taken, option, self.point, self.bandwidth, self.sd)
+
+    def predictions(self, batch: tuple[Insertion, ...], found: Sweep) -> list[Candidate]:
+        plain = _predictions(batch, found)
+        return plain if self.weighed is None else predictions(plain, found, self.weighed)
+
+
+def _screened(at: _At, batch: tuple[Insertion, ...]) -> list[Candidate]:
     """Judge a batch together; those too fast for that alone, and halves where something cannot be simulated."""
     try:
-        found = sweep(bench, taken, batch, point, bandwidth, sd)
+        found = at.sweep(batch)
     except (SolverError, ModelError) as error:
         if len(batch) == 1:
             return [Candidate(batch[0], batch[0].starts, 0.0, 0.0, 0.0, None, f"it cannot be tried: {error}")]
         half = len(batch) // 2
-        parts = batch[:half], batch[half:]
-        return [c for part in parts for c in _screened(bench, taken, point, part, bandwidth, sd)]
+        return [c for part in (batch[:half], batch[half:]) for c in _screened(at, part)]
     smooth = tuple(option for option in batch if all(name in found.sizes for name in option.size_names))
-    alone = [_alone(bench, taken, o, point, bandwidth, sd) for o in batch if o not in smooth]
-    return _predictions(smooth, found) + alone
+    return at.predictions(smooth, found) + [_alone(at, o) for o in batch if o not in smooth]
 
 
-def _alone(
-    bench: Workbench,
-    taken: tuple[Insertion, ...],
-    option: Insertion,
-    point: Mapping[str, float],
-    bandwidth: float,
-    sd: np.ndarray,
-) -> Candidate:
+def _alone(at: _At, option: Insertion) -> Candidate:
     try:
-        return _predictions((option,), one_by_one(bench, taken, option, point, bandwidth, sd))[0]
+        return at.predictions((option,), at.alone(option))[0]
     except (SolverError, ModelError) as error:
         return Candidate(option, option.starts, 0.0, 0.0, 0.0, None, f"it cannot be tried: {error}")
 

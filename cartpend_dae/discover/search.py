@@ -1,24 +1,21 @@
 """Stage 4: add what the data ask for, one effect after the other, and take back what they no longer need."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-import numpy as np
-
-from cartpend_dae.discover.evidence import bic, robust, with_robust_sd
+from cartpend_dae.discover.disturbed import ALIKE, fitted, penalty
+from cartpend_dae.discover.evidence import bic, with_robust_sd
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdict
-from cartpend_dae.discover.regime import best_bandwidth
 from cartpend_dae.discover.screen import candidates, screen
-from cartpend_dae.discover.trial import MIN_BIC_GAIN, MIN_SHARE, NEAR, Base, Rules, aliases, are_parallel, try_all
+from cartpend_dae.discover.trial import MIN_BIC_GAIN, NEAR, Base, Rules, aliases, is_nearly_all, try_all
+from cartpend_dae.discover.weigh import loads_at, weigh
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place
 from cartpend_dae.identify import Fit
 
 # stages of decreasing output injection, in units of the dominant frequency
 STAGES = (5.0, 2.0, 0.7, 0.0)
-# so many effects together stand for the whole catalogue where the bandwidth of predictions is sought
-RICH = 4
 _Library = tuple[tuple[Card, ...], tuple[Place, ...]]
 
 
@@ -45,6 +42,7 @@ def search(
     """
     noise = _noise_rules(bench)
     base = _fit_base(bench, (), {}, noise)
+    base = replace(base, bare=base.fit.chi2)
     gate = residuals(base.fit)
     if not gate.is_passed and regime != "disturbances":
         return Search("noise", 0.0, base.fit, gate, base.fit, gate, (), (), "no-discrepancy", False)
@@ -58,15 +56,22 @@ def search(
             base = _grow(bench, start, rules, library, max_steps, log)
         if regime == "disturbances" or (regime is None and residuals(base.fit).is_passed):
             # no sum of effects leaves noise alone, so that something else moves the rig as well
-            rules, start = _disturbed(bench, noise, start, log, library)
-            log.steps, log.base = [], None
-            base = _grow(bench, start, rules, library, max_steps, log)
+            nearly, near = is_nearly_all(base), base
+            rules, start = _disturbed(bench, noise, start, places)
+            if nearly:
+                base = _fit_base(bench, near.taken, _early(near, noise), rules)
+            else:
+                log.steps, log.base = [], None
+                base = _grow(bench, start, rules, library, max_steps, log)
     except KeyboardInterrupt:
         log.is_interrupted, base = True, log.base or start
     last_gate = residuals(base.fit)
+    if rules.regime == "disturbances":  # before and after are compared with the output injection that suits the last
+        bandwidth = float(base.fit.bandwidth[0])
+        start = Base((), {bandwidth: bench.fit((), start.fit.point, (bandwidth,), rules.sd)})
     return Search(
         rules.regime,
-        rules.stages[-1],
+        float(base.fit.bandwidth[0]),
         _reported(bench, start, rules),
         residuals(start.fit),
         _reported(bench, base, rules),
@@ -88,43 +93,54 @@ class _Log:
     is_interrupted: bool = False
 
 
-def _disturbed(bench: Workbench, noise: Rules, base: Base, log: _Log, library: _Library) -> tuple[Rules, Base]:
-    """Weigh by predictions, with the bandwidth with which the most promising effects together predict best."""
-    ranked = [c for c in log.tried.values() if not c.why_not or c.fit is not None]
-    if not ranked:
-        early = base.fits[noise.screening].point
-        screened = screen(bench, (), early, candidates(*library, ()), noise.screening, noise.sd)
-        ranked = [c for c in screened if not c.why_not]
-    rich = _distinct([step.candidate for step in log.steps] + ranked)[:RICH]
-    bandwidth = best_bandwidth(bench, rich, base.fits[noise.screening].point, noise.sd)
-    return _disturbance_rules(bench, bandwidth, noise.sd)
-
-
-def _distinct(ranked: list[Candidate]) -> list[Candidate]:
-    """Leave out those that move the data as one before them does."""
-    found: list[Candidate] = []
-    for candidate in ranked:
-        if not any(are_parallel(candidate, other) for other in found):
-            found.append(candidate)
-    return found
+def _disturbed(bench: Workbench, noise: Rules, base: Base, places: tuple[Place, ...]) -> tuple[Rules, Base]:
+    """Weigh against random forces, with the output injection that suits them."""
+    loads = loads_at(places)
+    early = base.fits[noise.screening]
+    fit, weighed = fitted(bench, (), loads, early.point, noise.screening, noise.sd)
+    bandwidth = float(fit.bandwidth[0])
+    rules = Rules("disturbances", (bandwidth,), bandwidth, noise.sd, loads)
+    return rules, Base((), {bandwidth: fit}, base.bare, weighed)
 
 
 def _grow(bench: Workbench, base: Base, rules: Rules, library: _Library, max_steps: int, log: _Log) -> Base:
     """Add effects while there is structure; the free simulation has it, so there is always a first round."""
     while len(log.steps) < max_steps:
-        ranked = try_all(bench, base, rules, candidates(*library, base.taken))
+        options = candidates(*library, base.taken)
+        if rules.regime == "noise" and log.steps:
+            options = _supported(bench, base, rules, options, library[1])
+            if not options:
+                break
+        ranked = try_all(bench, base, rules, options)
         log.tried |= {candidate.insertion.prefix: candidate for candidate in ranked}
         if not ranked or ranked[0].why_not:
             break
         winner = ranked[0]
-        base = _base_of(bench, base.taken, winner, rules)
+        base = _base_of(bench, base, base.taken, winner, rules)
         steps = [*log.steps, Step(winner, residuals(base.fit), aliases(winner, ranked))]
-        base, steps = _prune(bench, base, steps, rules)
+        base, steps = _prune(bench, base, steps, rules, len(options))
         base, steps = _swap(bench, base, steps, rules, library)
         log.steps, log.base = steps, base
-        if not residuals(base.fit).is_passed:
+        if rules.regime == "noise" and not residuals(base.fit).is_passed:
             break
     return base
+
+
+def _supported(
+    bench: Workbench, base: Base, rules: Rules, options: list[Insertion], places: tuple[Place, ...]
+) -> list[Insertion]:
+    """Return the effects that explain more of what is left than small random forces would, from each of their starts.
+
+    What an effect leaves may be the error of its law, or disturbances; a second one must do better than both.
+    """
+    point, bandwidth = base.fits[rules.screening].point, rules.screening
+    weighed = weigh(bench, base.taken, loads_at(places), point, bandwidth, rules.sd)
+    screened = screen(bench, base.taken, point, options, bandwidth, rules.sd, weighed=weighed)
+    cost = penalty(len(options))
+    good = {
+        c.insertion.prefix for c in screened if not c.why_not and c.predicted > cost * len(c.insertion.parameter_names)
+    }
+    return [option for option in options if option.prefix in good]
 
 
 def _reported(bench: Workbench, base: Base, rules: Rules) -> Fit:
@@ -146,14 +162,10 @@ def _noise_rules(bench: Workbench) -> Rules:
     return Rules("noise", stages, stages[1], bench.problem(()).prior_sd)
 
 
-def _disturbance_rules(bench: Workbench, bandwidth: float, sd: np.ndarray) -> tuple[Rules, Base]:
-    """Weight by the innovations of the baseline, so that costs are of order one."""
-    fit = bench.fit((), {}, (bandwidth,), sd)
-    rules = Rules("disturbances", (bandwidth,), bandwidth, fit.noise_sd)
-    return rules, _fit_base(bench, (), fit.point, rules)
-
-
 def _fit_base(bench: Workbench, taken: tuple[Insertion, ...], guess: Mapping[str, float], rules: Rules) -> Base:
+    if rules.regime == "disturbances":
+        fit, weighed = fitted(bench, taken, rules.loads, guess, rules.screening, rules.sd)
+        return Base(taken, {float(fit.bandwidth[0]): fit}, 0.0, weighed)
     fits: dict[float, Fit] = {}
     point = dict(guess)
     for bandwidth in rules.stages:
@@ -162,26 +174,24 @@ def _fit_base(bench: Workbench, taken: tuple[Insertion, ...], guess: Mapping[str
     return Base(taken, fits)
 
 
-def _base_of(bench: Workbench, taken: tuple[Insertion, ...], winner: Candidate, rules: Rules) -> Base:
+def _base_of(bench: Workbench, before: Base, taken: tuple[Insertion, ...], winner: Candidate, rules: Rules) -> Base:
     assert winner.fit is not None
     together = (*taken, winner.insertion)
     if rules.regime == "disturbances":
-        return Base(together, {rules.screening: winner.fit})
+        bandwidth, point = float(winner.fit.bandwidth[0]), winner.fit.point
+        weighed = weigh(bench, together, rules.loads, point, bandwidth, rules.sd)
+        return Base(together, {bandwidth: winner.fit}, before.bare, weighed)
     early = bench.fit(together, winner.fit.point, (rules.screening,), rules.sd)
-    return Base(together, {rules.screening: early, 0.0: winner.fit})
+    return Base(together, {rules.screening: early, 0.0: winner.fit}, before.bare)
 
 
-def _prune(bench: Workbench, base: Base, steps: list[Step], rules: Rules) -> tuple[Base, list[Step]]:
+def _prune(bench: Workbench, base: Base, steps: list[Step], rules: Rules, n_options: int) -> tuple[Base, list[Step]]:
     """Take back each earlier addition that the model with the last one does without."""
     for step in list(steps[:-1]):
         fewer = tuple(i for i in base.taken if i.prefix != step.candidate.insertion.prefix)
-        trial = _fit_base(bench, fewer, base.fits[rules.screening].point, rules)
-        if rules.regime == "noise":
-            is_needed = bic(trial.fit) - bic(base.fit) > MIN_BIC_GAIN
-        else:
-            before = robust(trial.fit, bench.solved(fewer, trial.fit, rules.sd))
-            after = robust(base.fit, bench.solved(base.taken, base.fit, rules.sd))
-            is_needed = 1 - after.cost / before.cost > MIN_SHARE
+        trial = replace(_fit_base(bench, fewer, _early(base, rules), rules), bare=base.bare)
+        cost = MIN_BIC_GAIN if rules.regime == "noise" else penalty(n_options) * len(step.candidate.parameters)
+        is_needed = _criterion(trial) - _criterion(base) > cost
         if not is_needed:
             base = trial
             steps = [s for s in steps if s.candidate.insertion.prefix != step.candidate.insertion.prefix]
@@ -198,18 +208,24 @@ def _swap(bench: Workbench, base: Base, steps: list[Step], rules: Rules, library
         here = tuple(place for place in places if place.at == old.candidate.insertion.place.at)
         others = [s for s in steps if s is not old]
         fewer = tuple(s.candidate.insertion for s in others)
-        without = _fit_base(bench, fewer, base.fits[rules.screening].point, rules)
+        without = replace(_fit_base(bench, fewer, _early(base, rules), rules), bare=base.bare)
         ranked = try_all(bench, without, rules, candidates(cards, here, fewer))
         best = ranked[0] if ranked else None
         if best is None or best.why_not or best.fit is None or best.insertion.prefix == old.candidate.insertion.prefix:
             continue
-        if _criterion(base.fit, rules) - _criterion(best.fit, rules) <= NEAR:
+        other = _base_of(bench, base, fewer, best, rules)
+        if _criterion(base) - _criterion(other) <= (NEAR if rules.regime == "noise" else ALIKE):
             continue
-        base = _base_of(bench, fewer, best, rules)
+        base = other
         steps = [*others, Step(best, residuals(base.fit), aliases(best, ranked))]
     return base, steps
 
 
-def _criterion(fit: Fit, rules: Rules) -> float:
-    """Return what is compared between models of equal size: BIC, or percent of the cost of prediction."""
-    return bic(fit) if rules.regime == "noise" else 100 * float(np.log(fit.chi2))
+def _early(base: Base, rules: Rules) -> dict[str, float]:
+    """Return the fit of the stage of screening."""
+    return base.fit.point if rules.regime == "disturbances" else base.fits[rules.screening].point
+
+
+def _criterion(base: Base) -> float:
+    """Return what is compared between models: BIC, or -2 ln likelihood against random forces."""
+    return bic(base.fit) if base.weighed is None else base.weighed.criterion

@@ -15,7 +15,8 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.continuous import without_events
-from cartpend_dae.discover.workbench import Workbench, assembled
+from cartpend_dae.discover.unknown_input import Chain
+from cartpend_dae.discover.workbench import COARSE, Workbench, assembled
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError
 from cartpend_dae.problem import Problem
@@ -33,12 +34,14 @@ LOST = 1e30
 class Sweep:
     """Weighted residuals (n,), their derivatives in what is fitted already (n, n_base), and in each size (n,).
 
-    Sizes of effects that change too much between samples to be followed so are missing.
+    Sizes of effects that change too much between samples to be followed so are missing. The `chain` has all sizes as
+    forces; None where effects were judged alone.
     """
 
     residual: np.ndarray
     base: np.ndarray
     sizes: dict[str, np.ndarray]
+    chain: Chain | None = None
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
@@ -89,7 +92,7 @@ def sweep(
     growth = _growth(problem, system, inside, names, values, data, states)
     found = _gathered(problem, values, local, growth, residual, inside, names, data)
     smooth = [name for name, is_rough in zip(names, _roughness(growth) > ROUGH, strict=True) if not is_rough]
-    return Sweep(found.residual, found.base, {name: found.sizes[name] for name in smooth})
+    return replace(found, sizes={name: found.sizes[name] for name in smooth})
 
 
 def _roughness(growth: "_Growth") -> np.ndarray:
@@ -151,7 +154,7 @@ def one_by_one(
     SolverError
         If the simulation diverges.
     """
-    problem = bench.build((*taken, option), bench.setup.train)
+    problem = bench.build((*taken, option), bench.setup.train, COARSE)
     values = scaled_values(problem, point)
     w = np.full(len(problem.outputs), float(bandwidth))
     data = stack_data(problem.layout, problem.experiments, 1.0 / sd)
@@ -320,6 +323,10 @@ def _gathered(
     start = dict(zip(layout.first, start_slopes(problem, values), strict=True))
     own = [i for i in range(problem.layout.n_state) if i not in inside]
     growth = growth.where_finite()
+    h = data[1][:, None, None] / 2
+    pushes = h * (local.transition[:, :, :n_own] @ growth.left)
+    pushes[:, :n_own] += h * growth.right
+    moved = pushes - local.measured @ growth.outputs
     eta = np.zeros((n_state, n_all + n_sizes))
     columns = np.zeros((n, n_y, n_all + n_sizes))
     owners = layout.owners[layout.runs]
@@ -330,16 +337,14 @@ def _gathered(
         theta = owners[segment]
         columns[k] = local.error[k] @ eta
         columns[k][:, theta] += local.error_theta[k]
-        seen = growth.outputs[k] * weight[k][:, None]
-        columns[k][:, n_all:] -= seen
-        after = local.transition[k] @ eta
-        after[:, theta] += local.theta[k]
-        h = data[1, k]
-        after[:, n_all:] += h / 2 * (local.transition[k][:, :n_own] @ growth.left[k])
-        after[:n_own, n_all:] += h / 2 * growth.right[k]
-        after[:, n_all:] -= local.measured[k] @ growth.outputs[k]
-        eta = after
-    measured = weight.ravel() > 0
-    flat = columns.reshape(-1, n_all + n_sizes)[measured]
+        columns[k][:, n_all:] -= growth.outputs[k] * weight[k][:, None]
+        eta = local.transition[k] @ eta
+        eta[:, theta] += local.theta[k]
+        eta[:, n_all:] += moved[k]
+    measured = weight > 0
+    flat = columns[measured]
     sizes = {name: flat[:, n_all + i] for i, name in enumerate(names)}
-    return Sweep(residual.T.ravel()[measured], flat[:, :n_all], sizes)
+    noise = local.measured / np.where(measured, weight, np.inf)[:, None, :]
+    first = tuple(segment * layout.length for segment in layout.first)
+    chain = Chain(names, local.transition, noise, pushes, local.error, measured, first, data[1])
+    return Sweep(residual.T[measured], flat[:, :n_all], sizes, chain)

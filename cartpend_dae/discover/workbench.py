@@ -23,6 +23,8 @@ from cartpend_dae.unknowns import Free, tie
 Report = Callable[[str, str, float], None]
 # product of step and fastest eigenvalue where integration need not be exact; Runge-Kutta is stable up to 2.8
 COARSE = 1.0
+# the same where candidates are compared for the first time
+ROUGH = 0.25
 
 
 def _silent(stage: str, label: str, error: float) -> None:
@@ -40,11 +42,11 @@ class Workbench:
 
     setup: Setup
     report: Report = _silent
-    problems: dict[tuple[str, ...], Problem] = field(default_factory=dict)
+    problems: dict[tuple[float | None, tuple[str, ...]], Problem] = field(default_factory=dict)
     sizes: dict[str, float] = field(default_factory=dict)
     jobs: int = 1
     store: Store = field(default_factory=Store)
-    scales: dict[tuple[str, ...], dict[str, float]] = field(default_factory=dict)
+    scales: dict[tuple[float | None, tuple[str, ...]], dict[str, float]] = field(default_factory=dict)
 
     def quiet(self) -> "Workbench":
         """Return the same workbench without reports, as for another process."""
@@ -61,27 +63,33 @@ class Workbench:
         for name, value in sizes.items():
             self.sizes.setdefault(name, abs(value))
 
-    def problem(self, insertions: tuple[Insertion, ...]) -> Problem:
-        """Return the problem of the model with effects on the training runs."""
-        key = _key(insertions)
+    def problem(self, insertions: tuple[Insertion, ...], stride: float | None = None) -> Problem:
+        """Return the problem of the model with effects on the training runs; for `stride` see `build`."""
+        key = stride, _key(insertions)
         if key not in self.problems:
-            system = assembled(self.setup.model, insertions, self.setup.train)
-            free = self._free(system, insertions, self.scales_of(insertions))
-            runs = renamed(self.setup.train, insertions)
-            self.problems[key] = self._problem(system, free, runs, self.setup.step)
+            scales = self.scales_of(insertions, stride)
+            self.problems[key] = self.build(insertions, self.setup.train, stride, scales=scales)
         return self.problems[key]
 
-    def scales_of(self, insertions: tuple[Insertion, ...]) -> dict[str, float]:
+    def scales_of(self, insertions: tuple[Insertion, ...], stride: float | None = None) -> dict[str, float]:
         """Return the sizes by which the problem of effects is scaled, which do not change once it was asked for."""
         names = {name for insertion in insertions for name in insertion.starts}
         known = {name: size for name, size in self.sizes.items() if name in names}
-        return self.scales.setdefault(_key(insertions), known)
+        return self.scales.setdefault((stride, _key(insertions)), known)
 
-    def build(self, insertions: tuple[Insertion, ...], experiments: tuple[Experiment, ...]) -> Problem:
-        """Make a problem on given runs."""
+    def build(
+        self,
+        insertions: tuple[Insertion, ...],
+        experiments: tuple[Experiment, ...],
+        stride: float | None = None,
+        *,
+        scales: Mapping[str, float] | None = None,
+    ) -> Problem:
+        """Make a problem on given runs, with steps as far as `stride` allows if it is given."""
         system = assembled(self.setup.model, insertions, experiments)
-        free = self._free(system, insertions)
-        return self._problem(system, free, renamed(experiments, insertions), self.setup.step)
+        free = self._free(system, insertions, scales)
+        problem = self._problem(system, free, renamed(experiments, insertions), self.setup.step)
+        return problem if stride is None else replace(problem, step=None, stride=stride)
 
     def with_weights(
         self, taken: tuple[Insertion, ...], closure: Insertion, weights: Callable[[System], tuple[Free, ...]]
@@ -149,18 +157,18 @@ class Workbench:
         *,
         patient: bool = True,
         iterations: int | None = None,
+        stride: float | None = None,
     ) -> Fit:
         """Fit along decreasing output injection, each stage from the last; `patient` as of `estimate`."""
-        scales = self.scales_of(insertions)
+        scales = self.scales_of(insertions, stride)
         label = " + ".join(insertion.prefix for insertion in insertions) or "baseline"
         point = dict(guess)
         most = iterations or self.setup.max_iterations or ITERATIONS
         fit: Fit | None = None
         for bandwidth in bandwidths:
-            options = (bandwidth, point, sd, patient, most)
-            fit = self.store.recall(
-                "fit", (_key(insertions), scales, options), lambda o=options: self._fit(insertions, *o)
-            )
+            options = (bandwidth, point, sd, patient, most, stride)
+            depends = _key(insertions), scales, options
+            fit = self.store.recall("fit", depends, lambda o=options: self._fit(insertions, *o))
             self.report(f"fit at {bandwidth:.3g} rad/s", label, float(np.sqrt(fit.chi2 / fit.n_residuals)))
             point = fit.point
         assert fit is not None
@@ -174,8 +182,9 @@ class Workbench:
         sd: np.ndarray,
         patient: bool,
         most: int,
+        stride: float | None,
     ) -> Fit:
-        problem = self.problem(insertions)
+        problem = self.problem(insertions, stride)
         try:
             return estimate(
                 problem,
@@ -187,9 +196,9 @@ class Workbench:
                 method=self.setup.method,
                 hessian=self.setup.hessian,
             )
-        except np.linalg.LinAlgError:
-            names = ", ".join(insertion.prefix for insertion in insertions)
-            raise SolverError(f"A fit with {names} ends in numbers that cannot be computed with.") from None
+        except (np.linalg.LinAlgError, ValueError) as error:  # sensitivities beyond all numbers
+            label = " + ".join(insertion.prefix for insertion in insertions) or "baseline"
+            raise SolverError(f"The fit with `{label}` ended where the simulation diverges ({error}).") from error
 
     def linearised(
         self, insertions: tuple[Insertion, ...], point: Mapping[str, float], bandwidth: float, sd: np.ndarray

@@ -153,7 +153,7 @@ def candidate_table(search: Search) -> Table:
 
 def gain_label(search: Search) -> str:
     """Say what the gain of a candidate is in the regime of a search."""
-    return "drop of BIC" if search.regime == "noise" else "% of cost\nexplained"
+    return "drop of BIC" if search.regime == "noise" else "drop of\n-2 ln likelihood"
 
 
 def trajectory_table(system: System, trajectory: Trajectory) -> Table:

@@ -1,6 +1,6 @@
 """Run the tool on blind data sets: ``python tests/blind/run.py --regime noise --rig rota_damp --seeds 0-4``.
 
-Each data set is made, given to `cartpend discover` in a process of its own, and its result is kept under
+Each data set is made, given to the tool as `cartpend discover` does it, and its result is kept under
 `build/blind` by the content of package and data: what is there already is not run again, so that the same command
 continues after an interruption. Seeds 0 to 99 are for tuning; seeds from 1000 on are run for the report only, once,
 with `--report`, from a clean checkout.
@@ -9,13 +9,14 @@ with `--report`, from a clean checkout.
 import argparse
 import json
 import shutil
-import subprocess
+import signal
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from blind import store
@@ -25,9 +26,6 @@ from blind.keys import Key, Regime
 from blind.rigs import RIGS
 from blind.scorer import score
 from blind.writer import write
-
-COMMAND = "from cartpend_dae.cli import main; main()"
-KNOWN = "from cartpend_dae.effects import catalogue; print(*(card.id for card in catalogue()))"
 
 
 def seeds_of(text: str, is_report: bool) -> list[int]:
@@ -50,33 +48,38 @@ def seeds_of(text: str, is_report: bool) -> list[int]:
     return seeds
 
 
-def environment() -> dict[str, str]:
-    """Let the tool be that of this checkout."""
-    import os
-
-    return os.environ | {"PYTHONPATH": str(store.ROOT), "MPLBACKEND": "Agg"}
-
-
 def known_effects() -> frozenset[str]:
-    done = subprocess.run(
-        [sys.executable, "-c", KNOWN], capture_output=True, text=True, check=True, env=environment(), cwd=store.ROOT
-    )
-    return frozenset(done.stdout.split())
+    from cartpend_dae.effects import catalogue
+
+    return frozenset(card.id for card in catalogue())
 
 
-def discover(study: Path, out: Path, timeout: float) -> tuple[dict[str, Any] | None, str]:
-    """Run the tool; return its result, or why there is none."""
-    shutil.rmtree(out, ignore_errors=True)
-    call = [sys.executable, "-c", COMMAND, "discover", str(study), "--out", str(out)]
+class TooLongError(Exception):
+    """A data set took longer than it may."""
+
+
+def _interrupt(signal_number: int, frame: Any) -> None:
+    raise TooLongError
+
+
+def discover(study: Path, timeout: float) -> tuple[dict[str, Any] | None, str]:
+    """Run the tool as its command does, without the figures; return its result, or why there is none."""
+    from cartpend_dae.report.result import discovery_result
+    from cartpend_dae.session import discover_study, open_study
+
+    before, begin = signal.signal(signal.SIGALRM, _interrupt), time.monotonic()
+    signal.setitimer(signal.ITIMER_REAL, timeout)
     try:
-        done = subprocess.run(
-            call, capture_output=True, text=True, timeout=timeout, env=environment(), cwd=study.parent
-        )
-    except subprocess.TimeoutExpired:
+        opened = open_study(study)
+        found = discovery_result(opened, discover_study(opened), time.monotonic() - begin)
+    except TooLongError:
         return None, f"no result after {timeout:g} s"
-    if done.returncode != 0:
-        return None, f"exit code {done.returncode}: {(done.stderr or done.stdout).strip()[-500:]}"
-    result = json.loads((out / "result.json").read_text())
+    except Exception as error:  # whatever ends the command is a failure of the tool
+        return None, f"{type(error).__name__}: {str(error)[-500:]}"
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    result = json.loads(json.dumps(found))
     return {name: result[name] for name in ("verdict", "baseline", "steps", "final", "seconds")}, ""
 
 
@@ -90,7 +93,7 @@ def one(data: DataSet, home: Path, known: frozenset[str], package: str, timeout:
     if path.exists():
         return json.loads(path.read_text()), False
     begin = time.monotonic()
-    result, failure = discover(study, home / "out" / data.key.name, timeout)
+    result, failure = discover(study, timeout)
     head, is_clean = store.commit()
     record = {
         "name": data.key.name,

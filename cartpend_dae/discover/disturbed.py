@@ -1,0 +1,219 @@
+"""The search where small disturbances move the rig: each candidate is weighed against random forces of free size."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from cartpend_dae.discover.evidence import determined
+from cartpend_dae.discover.records import Candidate
+from cartpend_dae.discover.sweep import Sweep
+from cartpend_dae.discover.unknown_input import likelihood, whitened
+from cartpend_dae.discover.weigh import LEFT, Forces, Weighed, weigh
+from cartpend_dae.discover.workbench import ROUGH, Workbench
+from cartpend_dae.effects import Insertion
+from cartpend_dae.errors import SolverError
+from cartpend_dae.identify import Fit
+from cartpend_dae.shooting import run_through, scaled_values
+from cartpend_dae.transcribe import stack_data
+
+# an effect costs 2 ln(n/0.01) a parameter, n the number of candidates: by chance one in a hundred libraries passes
+CHANCE = 0.01
+# jackknife standard deviations by which a size must differ from zero
+MIN_T = 3.0
+# candidates whose criterion differs by less explain the data alike
+ALIKE = 20.0
+EARLY = 8
+# columns of which no more is left are not told from what is fitted already
+BLIND = 1e-8
+
+
+def penalty(n_options: int) -> float:
+    """Return what a parameter must gain in -2 ln likelihood where so many candidates are tried."""
+    return 2 * float(np.log(max(n_options, 1) / CHANCE))
+
+
+def fitted(
+    bench: Workbench,
+    taken: tuple[Insertion, ...],
+    loads: tuple[Insertion, ...],
+    guess: Mapping[str, float],
+    bandwidth: float,
+    sd: np.ndarray,
+    *,
+    near: Forces | None = None,
+) -> tuple[Fit, Weighed]:
+    """Fit and weigh a model, with the output injection that suits the random forces found.
+
+    Parameters
+    ----------
+    bench
+        The workbench.
+    taken
+        Effects in the model.
+    loads
+        Where random forces may act.
+    guess
+        Where to start: parameters and free starts by name, SI.
+    bandwidth
+        First bandwidth of the output injection [rad/s].
+    sd
+        Noise of each output, shape (n_y,).
+    near
+        Random forces of a model like this one.
+    """
+    first = bench.fit(taken, guess, (bandwidth,), sd, patient=False, iterations=EARLY, stride=ROUGH)
+    if not np.isfinite(first.chi2):
+        raise SolverError("its simulation diverges")
+    weighed = weigh(bench, taken, loads, first.point, bandwidth, sd, near=near, is_rough=near is not None)
+    fit = bench.fit(taken, first.point, (weighed.bandwidth,), sd, patient=False)
+    return fit, weigh(bench, taken, loads, fit.point, weighed.bandwidth, sd, near=weighed.forces)
+
+
+def predictions(batch: list[Candidate], found: Sweep, base: Weighed) -> list[Candidate]:
+    """Predict by how much -2 ln likelihood would fall with each candidate, random forces at their likeliest.
+
+    Parameters
+    ----------
+    batch
+        Candidates.
+    found
+        What their sizes change.
+    base
+        The model without them.
+    """
+    names = list(found.sizes)
+    known = [base.found.residual, *base.found.base.T]
+    rows = base.chain.spread(np.column_stack([*known, *(found.sizes[name] for name in names)]))
+    sizes = np.array([share * base.forces.sizes for share in LEFT])
+    white = whitened(base.chain, rows, sizes, np.tile(base.forces.times, (len(LEFT), 1)))
+    flat = [one[base.chain.measured] for one in white.rows]
+    grams = [one.T @ one for one in flat]
+    n = int(base.chain.measured.sum())
+    place = {name: len(known) + i for i, name in enumerate(names)}
+    return [_predicted(c, [place[x] for x in c.insertion.size_names], grams, white.determinant, n, base, len(known))
+            for c in batch]  # fmt: skip
+
+
+def _predicted(
+    candidate: Candidate,
+    own: list[int],
+    grams: list[np.ndarray],
+    determinants: np.ndarray,
+    n: int,
+    base: Weighed,
+    n_known: int,
+) -> Candidate:
+    kind = candidate.insertion.place.kind
+    bounds = [item.bounds_at(kind) for item in candidate.insertion.parameters if item.role == "size"]
+    best, sizes = np.inf, np.zeros(len(own))
+    for gram, determinant in zip(grams, determinants, strict=True):
+        squares, found = _bounded(gram, own, n_known, bounds)
+        value = float(likelihood(n, squares, determinant))
+        if value < best:
+            best, sizes = value, found
+    gain = base.criterion - best
+    if candidate.why_not or not gain > 0 or not np.any(sizes):
+        why = candidate.why_not or "it would need the wrong sign: it does not oppose motion"
+        return replace(candidate, predicted=0.0, why_not=why)
+    values = candidate.insertion.starts | dict(zip(candidate.insertion.size_names, map(float, sizes), strict=True))
+    return replace(candidate, predicted=gain, parameters=values)
+
+
+def _bounded(
+    gram: np.ndarray, own: list[int], n_known: int, bounds: list[tuple[float, float]]
+) -> tuple[float, np.ndarray]:
+    """Minimise the squares over what is fitted already, and the sizes within their bounds, from products alone."""
+    scale = 1 / np.sqrt(np.clip(np.diag(gram), 1e-300, None))
+    scale[0] = 1.0
+    gram = gram * np.outer(scale, scale)
+    fixed, rest = list(range(1, n_known)), [0, *own]
+    across = np.linalg.lstsq(gram[np.ix_(fixed, fixed)], gram[np.ix_(fixed, rest)], rcond=1e-10)[0]
+    left = gram[np.ix_(rest, rest)] - gram[np.ix_(rest, fixed)] @ across
+    values, vectors = np.linalg.eigh(left[1:, 1:])
+    good = values > BLIND  # of columns of length one, before what is fitted already is taken out
+    root = np.sqrt(values[good])
+    matrix, target = root[:, None] * vectors[:, good].T, -(vectors[:, good] / root).T @ left[1:, 0]
+    low, high = (np.array(side) / scale[own] for side in zip(*bounds, strict=True))
+    if not good.any():
+        return float(left[0, 0]), np.zeros(len(own))
+    found = lsq_linear(matrix, target, (low, high), method="bvls", tol=1e-12).x
+    found[np.abs(found) < 1e-6 * np.abs(found).max(initial=0.0)] = 0.0
+    squares = left[0, 0] + 2 * left[1:, 0] @ found + found @ left[1:, 1:] @ found
+    return max(float(squares), 0.0), found * scale[own]
+
+
+def judge(
+    bench: Workbench,
+    taken: tuple[Insertion, ...],
+    loads: tuple[Insertion, ...],
+    base: tuple[Fit, Weighed],
+    candidate: Candidate,
+    sd: np.ndarray,
+    n_options: int,
+) -> Candidate:
+    """Fit a candidate, and say whether it is worth its parameters.
+
+    It must raise the likelihood by more than chance in a library of this size, predict blocks of time from the others
+    better, and runs kept for selection if there are any; and one of its sizes must differ from zero in all parts of
+    the data.
+    """
+    before, weighed = base
+    together = (*taken, candidate.insertion)
+    guess = before.point | candidate.parameters
+    fit, after = fitted(bench, together, loads, guess, float(before.bandwidth[0]), sd, near=weighed.forces)
+    parameters = {name: fit.values[name] for name in candidate.insertion.parameter_names}
+    gain = weighed.criterion - after.criterion
+    sizes = [name for name in candidate.insertion.size_names if after.sd.get(name, 0.0) > 0]
+    t = max((abs(fit.values[name]) / after.sd[name] for name in sizes), default=0.0)
+    needed = penalty(n_options) * len(parameters)
+    at_bound = [e.status == "at-bound" for e in fit.parameters if e.name in candidate.insertion.size_names]
+    why = ""
+    if at_bound and all(at_bound):
+        why = "its parameter ends on its bound, where it has no effect"
+    elif gain < needed:
+        why = f"against random forces -2 ln likelihood falls by {gain:.1f}, less than {needed:.1f}"
+    elif weighed.validated < after.validated:
+        why = "parts of the data left out are predicted worse with it"
+    elif t < MIN_T:
+        why = f"its size differs between parts of the data: {t:.1f} jackknife sds from zero"
+    elif not _helps_selection(bench, taken, together, before, fit, sd):
+        why = "the runs kept for selection are predicted worse with it"
+    return replace(candidate, parameters=parameters, gain=gain, t=float(t), fit=fit, why_not=why)
+
+
+def _helps_selection(
+    bench: Workbench,
+    taken: tuple[Insertion, ...],
+    together: tuple[Insertion, ...],
+    before: Fit,
+    after: Fit,
+    sd: np.ndarray,
+) -> bool:
+    if not bench.setup.select:
+        return True
+    bandwidth = float(after.bandwidth[0])
+    return _selection(bench, together, after, bandwidth, sd) < _selection(bench, taken, before, bandwidth, sd)
+
+
+def _selection(
+    bench: Workbench, insertions: tuple[Insertion, ...], fit: Fit, bandwidth: float, sd: np.ndarray
+) -> float:
+    """Return the squares of the errors of prediction on the runs kept for selection."""
+    problem = bench.build(insertions, bench.setup.select)
+    data = stack_data(problem.layout, problem.experiments, 1.0 / sd)
+    w = np.full(len(problem.outputs), bandwidth)
+    known = {name: value for name, value in fit.values.items()}
+    return float(np.sum(run_through(problem, scaled_values(problem, known), w, data)[0] ** 2))
+
+
+def ordered(judged: list[Candidate], second: Callable[[Candidate, Candidate], str]) -> list[Candidate]:
+    """Put the one to take first: of those that explain the data alike, the one with the fewest parameters."""
+    found = sorted(judged, key=lambda c: (bool(c.why_not), -c.gain))
+    good = [c for c in found if not c.why_not]
+    if not good:
+        return found
+    alike = [c for c in good if good[0].gain - c.gain < ALIKE]
+    first = min(alike, key=lambda c: (determined(c.fit), -c.gain))
+    return [first, *(replace(c, why_not=c.why_not or second(c, first)) for c in found if c is not first)]

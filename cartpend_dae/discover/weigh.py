@@ -1,0 +1,207 @@
+"""How likely a fit is when small random forces move the rig besides the sensors' noise, and what it is sure of then."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cartpend_dae.discover.sweep import Sweep, sweep
+from cartpend_dae.discover.unknown_input import Chain, left_over, likelihood, whitened
+from cartpend_dae.discover.workbench import Workbench
+from cartpend_dae.effects import Insertion, Place, catalogue, fits
+from cartpend_dae.shooting import scaled_values
+
+# what a random force may be: multiples of the size that would explain the whole residual, and correlation times [s];
+# longer ones would pass for a load or a spring
+SHARES = (1e-3, 1e-2, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
+TIMES = (0.05, 0.2, 1.0)
+# multiples of the random forces of a model that may be left with another effect in it
+LEFT = (0.0, 0.01, 0.03, 0.1, 0.3, 0.6, 1.0)
+# factors on sizes and times of a good set, tried one after the other
+FINER = ((0.0, 1.0), (0.1, 1.0), (0.4, 1.0), (0.7, 1.0), (1.4, 1.0), (2.5, 1.0), (1.0, 0.4), (1.0, 2.5))
+LONGEST = 1.0
+BLOCKS = 30
+# forces that move the data alike to this cosine are one
+ALIKE = 0.98
+
+
+@dataclass(frozen=True, slots=True)
+class Forces:
+    """Random forces: names, standard deviations [SI] and correlation times [s]."""
+
+    names: tuple[str, ...]
+    sizes: np.ndarray
+    times: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class Weighed:
+    """A fit against random forces whose sizes are estimated.
+
+    Parameters
+    ----------
+    criterion
+        -2 ln likelihood, the scale of the noise concentrated out.
+    validated
+        The same with each block of time predicted from the others.
+    forces
+        The random forces.
+    bandwidth
+        Of the output injection with the gain of the filter [rad/s].
+    sd
+        Standard deviations of the parameters by the jackknife over blocks of time [SI].
+    found
+        The linearisation.
+    """
+
+    criterion: float
+    validated: float
+    forces: Forces
+    bandwidth: float
+    sd: dict[str, float]
+    found: Sweep
+
+    @property
+    def chain(self) -> Chain:
+        """The chain with the forces that count."""
+        assert self.found.chain is not None
+        return self.found.chain.only(self.forces.names)
+
+
+def loads_at(places: tuple[Place, ...]) -> tuple[Insertion, ...]:
+    """Return a load at each place where something can push, which stands for a random force there."""
+    card = replace(next(card for card in catalogue() if card.id == "constant_load"), id="random_force")
+    return tuple(Insertion(card, place) for place in places if fits(card, place))
+
+
+def weigh(
+    bench: Workbench,
+    taken: tuple[Insertion, ...],
+    loads: tuple[Insertion, ...],
+    point: Mapping[str, float],
+    bandwidth: float,
+    sd: np.ndarray,
+    *,
+    near: Forces | None = None,
+    is_rough: bool = False,
+) -> Weighed:
+    """Weigh a fit.
+
+    Parameters
+    ----------
+    bench
+        The workbench.
+    taken
+        Effects in the model.
+    loads
+        Where random forces may act.
+    point
+        The fit: parameters and free starts by name, SI.
+    bandwidth
+        Bandwidth of the output injection of that fit [rad/s].
+    sd
+        Noise used as weight, shape (n_y,).
+    near
+        Forces of a fit like this one, from which the search for them starts.
+    is_rough
+        Leave it at multiples of these.
+    """
+    found = sweep(bench, taken, loads, point, bandwidth, sd)
+    assert found.chain is not None
+    names = near.names if near is not None else _distinct(found)
+    chain = found.chain.only(tuple(name for name in names if name in found.chain.names))
+    rows = chain.spread(np.column_stack([found.residual, found.base]))
+    rounds = 0 if is_rough else 2 if near is None else 1
+    forces, criterion = _most_likely(chain, rows, _first_sets(found, chain, near), rounds)
+    white = whitened(chain, rows, forces.sizes[None], forces.times[None])
+    free = bench.problem(taken).layout.free
+    validated, spread = _jackknife(white.rows[0], white.determinant[0], chain, len(free))
+    values = scaled_values(bench.problem(taken), point)
+    sds = {item.name: item.slope(v) * float(s) for item, v, s in zip(free, values, spread, strict=False)}
+    return Weighed(criterion, validated, forces, _bandwidth(white.gain[0], chain), sds, found)
+
+
+def _distinct(found: Sweep) -> tuple[str, ...]:
+    """Return the forces that the data can tell apart."""
+    kept: dict[str, np.ndarray] = {}
+    for name, column in found.sizes.items():
+        size = np.linalg.norm(column)
+        if size > 0 and np.isfinite(size) and all(abs(column @ other) < ALIKE * size for other in kept.values()):
+            kept[name] = column / size
+    return tuple(kept)
+
+
+def _first_sets(found: Sweep, chain: Chain, near: Forces | None) -> tuple[np.ndarray, np.ndarray]:
+    if near is not None:
+        places = [near.names.index(name) for name in chain.names]
+        sizes, times = near.sizes[places], near.times[places]
+        return np.array([factor * sizes for factor in LEFT]), np.tile(times, (len(LEFT), 1))
+    whole = np.linalg.norm(found.residual)
+    unit = np.array([whole / np.linalg.norm(found.sizes[name]) for name in chain.names])
+    sets = [(0.0, TIMES[0]), *((share, time) for share in SHARES for time in TIMES)]
+    return np.array([share * unit for share, _ in sets]), np.array([np.full(unit.size, t) for _, t in sets])
+
+
+def _most_likely(
+    chain: Chain, rows: np.ndarray, sets: tuple[np.ndarray, np.ndarray], rounds: int
+) -> tuple[Forces, float]:
+    """Return the most likely of sets of forces, improved force by force."""
+    sizes, times = sets
+    best, criterion = _best(chain, rows, sizes, times)
+    now = sizes[best], times[best]
+    for _ in range(rounds):
+        for d in range(len(chain.names)):
+            sizes, times = (np.tile(part, (len(FINER), 1)) for part in now)
+            sizes[:, d] *= [factor for factor, _ in FINER]
+            times[:, d] = np.minimum(times[:, d] * [factor for _, factor in FINER], LONGEST)
+            best, found = _best(chain, rows, sizes, times)
+            if found < criterion:
+                now, criterion = (sizes[best], times[best]), found
+    return Forces(chain.names, *now), criterion
+
+
+def _best(chain: Chain, rows: np.ndarray, sizes: np.ndarray, times: np.ndarray) -> tuple[int, float]:
+    white = whitened(chain, rows, sizes, times)
+    n = int(chain.measured.sum())
+    found = [
+        float(likelihood(n, left_over(one[chain.measured]), determinant))
+        for one, determinant in zip(white.rows, white.determinant, strict=True)
+    ]
+    best = int(np.argmin(found))
+    return best, found[best]
+
+
+def _jackknife(white: np.ndarray, determinant: float, chain: Chain, n_free: int) -> tuple[float, np.ndarray]:
+    """Return -2 ln likelihood with each block predicted from the others, and the spread of the parameters.
+
+    Start states, which only the first block of a run determines, are held.
+    """
+    samples = np.flatnonzero(chain.measured.any(axis=1))
+    scale = np.linalg.norm(white[:, :, 1:], axis=(0, 1))
+    scale = np.where(scale > 0, scale, 1.0)
+    whole = white[chain.measured]
+    columns = whole[:, 1:] / scale
+    left = white[:, :, 0] - (white[:, :, 1:] / scale) @ np.linalg.lstsq(columns, whole[:, 0], rcond=1e-10)[0]
+    parts = np.array_split(samples, BLOCKS)
+    free = [(white[part][:, :, 1 : 1 + n_free] / scale[:n_free]).reshape(-1, n_free) for part in parts]
+    rests = [left[part].ravel() for part in parts]
+    total = sum(block.T @ block for block in free)
+    squares, moved = 0.0, []
+    for block, rest in zip(free, rests, strict=True):
+        shift = np.linalg.lstsq(total - block.T @ block, block.T @ rest, rcond=1e-10)[0]
+        squares += float(np.sum((rest + block @ shift) ** 2))
+        moved.append(shift)
+    spread = np.array(moved)
+    sd = np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((spread - spread.mean(axis=0)) ** 2, axis=0)) / scale[:n_free]
+    return float(likelihood(int(chain.measured.sum()), squares, determinant)), sd
+
+
+def _bandwidth(gain: np.ndarray, chain: Chain) -> float:
+    """Return the bandwidth of the observer whose correction is that of the filter, seen in the outputs [rad/s].
+
+    Where the gain of what is measured is g, the critically damped observer leaves rho^2 = 1 - g of an error.
+    """
+    seen = np.median(chain.error, axis=0) @ gain
+    share = float(np.clip(np.diag(seen).max(initial=0.0), 0.0, 0.98))
+    width = float(np.median(chain.width[chain.width > 0]))
+    return -np.log(1 - share) / (2 * width)
