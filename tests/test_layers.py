@@ -80,6 +80,7 @@ LAYERS = """
     discover
     multistart
     session
+    fmi
     data_report planning
     report.text
     plots animate
