@@ -5,6 +5,7 @@ from cartpend_dae.data import Trajectory
 from cartpend_dae.design import Gains, lqr, place
 from cartpend_dae.effects import catalogue, insert, places
 from cartpend_dae.errors import CartpendError, ModelError, SolverError, StructureError, StudyError
+from cartpend_dae.fmi import export_fmu
 from cartpend_dae.language import (
     Component,
     Param,
@@ -66,6 +67,7 @@ __all__ = [
     "discrete",
     "dry_friction",
     "either",
+    "export_fmu",
     "flow",
     "if_else",
     "initial",

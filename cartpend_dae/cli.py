@@ -17,6 +17,7 @@ from cartpend_dae.data_report import describe_data
 from cartpend_dae.demo import make_demo
 from cartpend_dae.errors import StudyError
 from cartpend_dae.fmu_commands import check_fmu, crosscheck
+from cartpend_dae.fmi import export_fmu as write_fmu
 from cartpend_dae.linearize import linearize as linearize_model
 from cartpend_dae.planning import design_study
 from cartpend_dae.report import tables
@@ -65,6 +66,21 @@ class Method(StrEnum):
     erk = "erk"
     rosenbrock = "rosenbrock"
     rk4 = "rk4"
+
+
+class FmiVersion(StrEnum):
+    """The versions of FMI."""
+
+    v2 = "2.0"
+    v3 = "3.0"
+
+
+class FmiKind(StrEnum):
+    """What an FMU is for."""
+
+    me = "me"
+    cs = "cs"
+    both = "both"
 
 
 class Friction(StrEnum):
@@ -212,6 +228,33 @@ def linearize(
         friction=friction.value,
     )
     console_of_results().print(str(linear if period is None else linear.discretize(period)), soft_wrap=True)
+
+
+@app.command("export-fmu")
+@spoken
+def export_fmu(
+    target: Target,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="The file to write; default: NAME.fmu.")] = None,
+    version: Annotated[FmiVersion, typer.Option(help="Version of FMI.")] = FmiVersion.v2,
+    kind: Annotated[FmiKind, typer.Option(help="Model exchange, co-simulation, or both in one file.")] = FmiKind.both,
+    output: Annotated[
+        list[str] | None, typer.Option("--output", metavar="NAME", help="An output; else all free output signals.")
+    ] = None,
+    set_: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A parameter [SI].")] = None,
+    stop: Annotated[float, typer.Option(help="End of the default experiment [s].")] = 10.0,
+) -> None:
+    """Write a model as an FMU, which runs in other tools without Python; docs/fmu.md says how."""
+    system, _ = _opened(target)
+    path = write_fmu(
+        system,
+        out or Path(f"{system.name}.fmu"),
+        version=version.value,
+        kind=kind.value,
+        outputs=output,
+        parameters=assignments("--set", set_),
+        stop=stop,
+    )
+    say(console_of_results(), f"Written: {path}")
 
 
 @app.command()

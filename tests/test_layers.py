@@ -82,6 +82,7 @@ LAYERS = """
     discover
     multistart
     session
+    fmi
     data_report planning
     report.text
     plots animate

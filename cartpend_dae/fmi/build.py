@@ -24,7 +24,7 @@ SYSTEMS = {"linux": "linux", "darwin": "darwin", "win32": "windows"}
 
 
 def platform_folder(version: str) -> str | None:
-    """Return the folder under `binaries` for this machine in a version of FMI, None if the standard has no name for it."""
+    """Return the folder under `binaries` for this machine, None if a version of FMI has no name for it."""
     system, machine = SYSTEMS.get(sys.platform), MACHINES.get(platform.machine().lower())
     if system is None or machine is None:
         return None

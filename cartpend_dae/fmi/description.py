@@ -68,7 +68,7 @@ def model_description(facts: Facts, table: VariableTable, depends: Dependencies)
 
 
 def build_description(identifier: str) -> bytes:
-    """Return buildDescription.xml of FMI 3.0: one source file that includes the others, and the library of mathematics."""
+    """Return buildDescription.xml of FMI 3.0: one source file, which includes the others."""
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
     configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=identifier)
     files = ET.SubElement(configuration, "SourceFileSet", language="C99")

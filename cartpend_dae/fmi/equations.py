@@ -132,22 +132,22 @@ def _next_time(s: System, made: Machine, timed: dict[int, tuple[ca.SX, ...]]) ->
 def functions_of(e: Equations) -> list[ca.Function]:
     """Return the functions that the C of an FMU calls, but for those of its start.
 
-    ``rates -> ode``; ``algebraic -> alg, d(alg)/dz``; ``slopes -> d(ode, alg)/d(x, z, t)``, dense; ``outputs -> y``,
-    all variables; ``indicators``; ``round -> x, m, changed`` decides once at an event; ``rest -> x`` sets a sliding speed that has
-    passed zero to zero; ``next_time``; ``forward`` and ``adjoint`` are the derivatives of (ode, alg, y, indicators) in
-    (t, x, u, p) and z. Each takes (t, x, m, z, u, p), the derivatives their directions as well.
+    ``rates -> ode``; ``algebraic -> alg, d(alg)/dz``; ``outputs -> y``, all variables; ``indicators``; ``next_time``;
+    ``rest -> x`` sets a sliding speed that has passed zero to zero; ``round -> x, m, changed`` decides once at an
+    event; ``forward`` and ``adjoint`` are the derivatives of (ode, alg, y, indicators) in (t, x, u, p) and z. Each takes
+    (t, x, m, z, u, p), the derivatives their directions as well.
     """
     s, names = e.system, ["t", "x", "m", "z", "u", "p"]
-    both = ca.vertcat(e.ode, e.alg)
 
     def function(name: str, results: list[ca.SX]) -> ca.Function:
         dense = [ca.densify(value) for value in results]
-        return ca.Function(f"fmu_{name}", e.arguments, dense, names, [f"o{k}" for k in range(len(dense))], {"cse": True})
+        return ca.Function(
+            f"fmu_{name}", e.arguments, dense, names, [f"o{k}" for k in range(len(dense))], {"cse": True}
+        )
 
     return [
         function("rates", [e.ode]),
         function("algebraic", [e.alg, ca.jacobian(e.alg, s.z)]),
-        function("slopes", [ca.jacobian(both, ca.vertcat(s.x, s.z, s.time))]),
         function("outputs", [e.values]),
         function("indicators", [e.indicators]),
         function("next_time", [e.next_time]),

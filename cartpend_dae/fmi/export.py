@@ -4,13 +4,14 @@ import hashlib
 import re
 import tempfile
 import uuid
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import get_args
 
-from cartpend_dae.assemble import assemble
+from cartpend_dae.assemble import assemble, check_bounds
+from cartpend_dae.dae import parameter_vector
 from cartpend_dae.errors import ModelError
 from cartpend_dae.fmi.build import library, packed, platform_folder, standard_headers
 from cartpend_dae.fmi.description import Facts, Kind, Version, build_description, model_description
@@ -50,6 +51,7 @@ def export_fmu(
     version: Version = "2.0",
     kind: Kind = "both",
     outputs: Sequence[str] | None = None,
+    parameters: Mapping[str, float] | None = None,
     stop: float = 10.0,
     tolerance: float = 1e-6,
 ) -> Path:
@@ -67,6 +69,8 @@ def export_fmu(
         ``"me"`` for model exchange, ``"cs"`` for co-simulation (the FMU brings its own solver), or ``"both"``.
     outputs
         Names of the variables that are outputs; by default the output signals that drive nothing else.
+    parameters
+        Other values of parameters, by name, in SI units, such as those of a fit.
     stop
         End of the default experiment [s]. Events that follow each other without end are told against this time.
     tolerance
@@ -86,7 +90,7 @@ def export_fmu(
     """
     target = Path(path)
     _check(target, version, kind, {"stop": stop, "tolerance": tolerance})
-    system = assemble(model)
+    system = _with_parameters(assemble(model), dict(parameters or {}))
     check_regular(system, system.parameter_values)
     e = equations_of(system, float(stop))
     start = start_problem(e)
@@ -97,6 +101,19 @@ def export_fmu(
     facts = Facts(system.name, identifier, "", doc.partition("\n")[0], "cartpend_dae", *numbers)
     packed(target, _content(facts, e, start, table))
     return target
+
+
+def _with_parameters(system: System, values: dict[str, float]) -> System:
+    """Return a system with other values of parameters; one that its start determines is known then."""
+    if not values:
+        return system
+    p = parameter_vector(system, values)
+    check_bounds(system, p)
+    changed = [
+        replace(q, value=float(p[k]), is_unknown=q.is_unknown and q.name not in values)
+        for k, q in enumerate(system.parameters)
+    ]
+    return replace(system, parameters=tuple(changed))
 
 
 def _content(facts: Facts, e: Equations, start: StartProblem, table: VariableTable) -> dict[str, bytes]:

@@ -21,7 +21,7 @@ def solver_model(e: Equations) -> NativeModel:
         return model
     rates, slopes, indicators, decisions, ticks = model.functions
     given = [ca.SX.sym(ticks.name_in(i), ticks.sparsity_in(i)) for i in range(ticks.n_in())]
-    time, y, memory, _, p = given
+    time, _, memory, _, p = given
     next_time = ca.Function("next_time", [e.system.time, e.memory, e.system.p], [e.next_time])
     (soonest,) = next_time.call([time, memory, p], True, False)
     (every,) = indicators.call(given, True, False)

@@ -55,12 +55,10 @@ def start_problem(e: Equations) -> StartProblem:
         given = np.asarray(ca.Function("given", [e.memory, s.u], [e.given()])(memory, u)).ravel()
         request = Request(p, given, {}, 0.0, guesses, False)
         found = find_start(before_events(e.between), request)
-        n_x, n_z, n_f, _ = found.conditions.sizes
+        n_x, _, n_f, _ = found.conditions.sizes
         agreed = _with_relations(e, decide, memory, found.start.x, found.start.z, u, found.start.p)
         if n_f:
-            modes = settled_modes(
-                e.between, 0.0, found.start.x, agreed[:n_f], found.start.z, given, found.start.p
-            )
+            modes = settled_modes(e.between, 0.0, found.start.x, agreed[:n_f], found.start.z, given, found.start.p)
             agreed[:n_f] = modes
         if np.array_equal(agreed, memory):
             break

@@ -10,7 +10,7 @@ from cartpend_dae.fmi.equations import Equations
 
 @dataclass(frozen=True, slots=True)
 class Dependencies:
-    """Boolean tables: a row for each rate, value and indicator, a column for time and each state, input and parameter."""
+    """Boolean tables: a row for each rate, value or indicator, a column for time, states, inputs and parameters."""
 
     rates: np.ndarray
     values: np.ndarray

@@ -17,6 +17,7 @@ from cartpend_dae.units import derivative, format_unit
 Type = Literal["Real", "Integer", "Boolean"]
 Role = Literal["time", "parameter", "value", "rate", "memory", "indicator"]
 ROLES: tuple[Role, ...] = ("time", "parameter", "value", "rate", "memory", "indicator")
+JOINED = "connection of "  # how the origin of an equation between signals begins
 STRUCTURED = re.compile(r"(der\()?[A-Za-z_]\w*(\[\d+(,\d+)*\])?(\.[A-Za-z_]\w*(\[\d+(,\d+)*\])?)*\)?", re.ASCII)
 
 
@@ -63,7 +64,7 @@ class VariableTable:
 
 
 def outputs_of(system: System, names: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the names of the outputs: those asked for, else every output signal that drives nothing else.
+    """Return the names of the outputs: those asked for, else output signals of the model itself and free ones of parts.
 
     Raises
     ------
@@ -76,8 +77,10 @@ def outputs_of(system: System, names: Sequence[str] | None) -> tuple[str, ...]:
             if name in system.inputs:
                 raise ModelError(f"`{name}` is an input of {system.name}; name outputs that the model computes.")
         return tuple(dict.fromkeys(names))
-    connected = {end for ends in system.flat.connections for end in ends}
-    return tuple(v.name for v in system.variables if v.kind == "output" and v.name not in connected)
+    joined = (origin.removeprefix(JOINED) for origin in system.flat.origins if origin.startswith(JOINED))
+    connected = {name for names in joined for name in names.split(", ")}
+    every = [v.name for v in system.variables if v.kind == "output"]
+    return tuple(name for name in every if "." not in name or name not in connected)
 
 
 def variable_table(e: Equations, start: StartProblem, outputs: tuple[str, ...]) -> VariableTable:
