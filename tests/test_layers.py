@@ -80,7 +80,7 @@ LAYERS = """
     data_report planning
     report.text
     plots animate
-    fmi
+    fmi modelica
     report
     console
     fmu_commands
@@ -92,7 +92,7 @@ LAYERS = """
 A folder is one layer, but for the files of it that have a line of their own.
 """
 
-HEAVY = {"fmpy", "h5py", "matplotlib", "pandas", "pyarrow"}
+HEAVY = {"fmpy", "h5py", "matplotlib", "pandas", "pyarrow", "pymoca"}
 """Optional or slow to import: only these may be imported inside a function."""
 
 LAYER_OF = {module: level for level, line in enumerate(LAYERS.split("\n")) for module in line.split()}
