@@ -15,7 +15,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Literal
 
@@ -61,12 +61,34 @@ def compiled(
         return function
     try:
         source = _source(function, derivatives)
-        level = optimisation if optimisation is not None else 0 if source.count(";") > LARGE else 2
+        level = optimisation if optimisation is not None else _level(source)
         return _loaded(function.name(), source, [*command, f"-O{level}", *FLAGS])
     except (RuntimeError, OSError, subprocess.SubprocessError) as error:
-        reason = str(error).strip().splitlines() or [type(error).__name__]
-        logger.info("`%s` runs uncompiled: %s", function.name(), reason[-1][:300])
+        _log_failure(function.name(), error)
         return function
+
+
+def compiled_library(source: Callable[[], str], name: str) -> Path | None:
+    """Return the library of a C source, from the cache on disk if it was compiled before.
+
+    Parameters
+    ----------
+    source
+        Writes the source.
+    name
+        What it is, for the line in the log that says why there is no library: None is returned then.
+    """
+    command = _compiler()
+    if command is None:
+        logger.info("There is no C compiler (`cc`, `gcc`, `clang` or CC): `%s` runs uncompiled.", name)
+        return None
+    try:
+        text = source()
+        full = [*command, f"-O{_level(text)}", *FLAGS]
+        return next(_whole(_key(text, full)), None) or _made(_key(text, full), text, full)
+    except (RuntimeError, OSError, subprocess.SubprocessError) as error:
+        _log_failure(name, error)
+        return None
 
 
 def cache_folder() -> Path:
@@ -90,6 +112,15 @@ def clear_cache() -> int:
     for path in cache_folder().glob("making-*"):
         shutil.rmtree(path, ignore_errors=True)
     return len(found)
+
+
+def _level(source: str) -> int:
+    return 0 if source.count(";") > LARGE else 2
+
+
+def _log_failure(name: str, error: Exception) -> None:
+    reason = str(error).strip().splitlines() or [type(error).__name__]
+    logger.info("`%s` runs uncompiled: %s", name, reason[-1][:300])
 
 
 def _compiler() -> list[str] | None:
@@ -129,20 +160,22 @@ def _loaded(name: str, source: str, command: list[str]) -> ca.Function:
     short or exchanged is found out before it is loaded: loading it could end the process.
     """
     key = _key(source, command)
-    for path in cache_folder().glob(f"{key}-*{SUFFIX}"):
-        for function in _tried(name, path):
-            return function
-        path.unlink(missing_ok=True)
+    for path in _whole(key):
+        try:
+            return ca.external(name, str(path))
+        except (RuntimeError, OSError):
+            logger.info("The compiled `%s` in %s cannot be loaded and is made again.", name, path)
+            path.unlink(missing_ok=True)
     return ca.external(name, str(_made(key, source, command)))
 
 
-def _tried(name: str, path: Path) -> Iterator[ca.Function]:
-    """Yield the function of a library that is whole and can be loaded."""
-    try:
+def _whole(key: str) -> Iterator[Path]:
+    """Yield the libraries of a key that are whole; what is not is deleted."""
+    for path in cache_folder().glob(f"{key}-*{SUFFIX}"):
         if path.stem.endswith(_digest(path.read_bytes())):
-            yield ca.external(name, str(path))
-    except (RuntimeError, OSError):
-        logger.info("The compiled `%s` in %s cannot be loaded and is made again.", name, path)
+            yield path
+        else:
+            path.unlink(missing_ok=True)
 
 
 def _key(source: str, command: list[str]) -> str:

@@ -43,7 +43,8 @@ class Machine:
 
     `system` is that between events: discrete variables, relations and pulses are inputs after its own. `force` are the
     friction forces that the memory implies; `indicators` fire where they fall through zero, each at a place;
-    ``settle(t, x, memory, z, u, p) -> (x, memory)`` decides at an event.
+    ``settle(t, x, memory, z, u, p) -> (x, memory)`` decides at an event, by rounds of
+    ``round(t, x, memory, z, u, p, is_first) -> (x, memory, whether anything changed)``.
     """
 
     system: System
@@ -52,6 +53,7 @@ class Machine:
     indicators: ca.SX
     places: tuple[str, ...]
     settle: ca.Function
+    round: ca.Function
 
 
 def machine(system: System, span: float = 1.0) -> Machine:
@@ -90,7 +92,7 @@ def machine(system: System, span: float = 1.0) -> Machine:
     indicators, places = _indicators(s, whole, force, law.speed)
     if h.relations.numel():
         force, indicators = ca.substitute([force, indicators], [h.relations], [whole.relations])
-    return Machine(plain, memory, force, indicators, places, _settle(s, memory, step))
+    return Machine(plain, memory, force, indicators, places, _settle(s, memory, step), step)
 
 
 def _check_targets(s: System) -> None:
@@ -295,7 +297,8 @@ def _modes(s: System, memory: Memory, force: ca.SX, speed: ca.SX, is_first: ca.S
     column, loads = ca.vertcat(*modes), ca.vertcat(*over)
     # what has just come to rest takes its share first: two on one motion slide only once both are at their limits
     comes_to_rest = ca.sum1(ca.logic_and(memory.modes != 0, column == 0)) > 0
-    released = ca.logic_and(ca.logic_and(loads >= ca.mmax(loads), loads > -MARGIN), ca.logic_not(comes_to_rest))
+    # a limit is passed by the margin where its event lies; what has come to rest right at its limit stays
+    released = ca.logic_and(ca.logic_and(loads >= ca.mmax(loads), loads > MARGIN / 2), ca.logic_not(comes_to_rest))
     return x, ca.if_else(released, ca.if_else(force > 0, 1, -1), column)
 
 

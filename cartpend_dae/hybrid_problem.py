@@ -131,16 +131,16 @@ def _posed(s: System, made: Machine | None, packed: _Packed) -> tuple[dict[str, 
         is_unseen = ca.logic_and(packed.jumps > 0.5, whole.seen < packed.begin - AFTER / 2)
         soon = packed.begin + AFTER * (1 + ca.fabs(packed.begin)) - s.time
         indicators = ca.vertcat(indicators, ca.if_else(ca.logic_and(is_unseen, whole.note[0] == 0), soon, 1))
-    watched = _watched(differences, s, ode)
-    shadow = ca.SX.sym("shadow", watched.numel())
+    followed = watched(differences, s, ode)
+    shadow = ca.SX.sym("shadow", followed.numel())
     x = ca.vertcat(s.x, memory.vector, shadow)
     runs = whole.note[0] == 0
-    ode = ca.vertcat(ca.if_else(runs, ode, 0), ca.SX.zeros(memory.vector.numel()), ca.if_else(runs, watched, 0))
+    ode = ca.vertcat(ca.if_else(runs, ode, 0), ca.SX.zeros(memory.vector.numel()), ca.if_else(runs, followed, 0))
     problem = {"x": x, "z": s.z, "p": s.p, "u": packed.symbols, "t": s.time, "ode": ode, "alg": alg, "zero": indicators}
     return problem, _transition(s, made, packed, shadow.numel())
 
 
-def _watched(differences: ca.SX, s: System, ode: ca.SX) -> ca.SX:
+def watched(differences: ca.SX, s: System, ode: ca.SX) -> ca.SX:
     """Return the rates of the differences that bend while the states do not: their error control keeps steps short.
 
     A step that is right for the states may pass over both crossings of a fast ``sin(w t) > 0``.

@@ -1,35 +1,30 @@
-"""From a consistent start through all events to the states at the output times, by CasADi's integrators."""
+"""From a consistent start through all events to the states at the output times."""
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from cartpend_dae.along import AllTimes
+from cartpend_dae.begin import Begin, Run
 from cartpend_dae.breakdown import breakdown_sentence
 from cartpend_dae.dae import all_variables
 from cartpend_dae.data import Trajectory
-from cartpend_dae.errors import ModelError, SolverError
-from cartpend_dae.events import CHATTER, Machine, initial_memory, machine
-from cartpend_dae.hybrid_problem import hybrid_problem, replaced
+from cartpend_dae.errors import SolverError
+from cartpend_dae.events import CHATTER, Machine
+from cartpend_dae.hybrid_problem import hybrid_problem
 from cartpend_dae.initialize import Start, algebraics_along
-from cartpend_dae.inputs import DrivenInputs, input_values, inputs_at, jumps_of
+from cartpend_dae.inputs import DrivenInputs, inputs_at, jumps_of
 from cartpend_dae.integration import Integration
-from cartpend_dae.prepared import content, once
-from cartpend_dae.system import System
+from cartpend_dae.native.attempt import native_run
+from cartpend_dae.plugins import Choice, plugins
+from cartpend_dae.prepared import once
 
-Method = Literal["adaptive", "cvodes", "idas", "erk", "rosenbrock", "rk4"]
 MOST_EVENTS = 1_000_000
 # trials by which an event is located, found by trial: with 30 the tests of events pass; with 50 and more one of
 # two bearings that stick together is passed over, for a reason not yet known
 MOST_TRIALS = 30
-# erk is stable up to steps of about this over the fastest rate; beyond so many steps the implicit method is faster,
-# which errs more often at events: the acceleration of a body at rest flickers by rounding
-STABLE, MOST_STEPS = 3.3, 300_000
-# compiled, an explicit step costs a quarter of an implicit one, of which a few thousand are enough
-FEW_STEPS = 20_000
 # so many times cvodes and idas start anew where inputs jump, some milliseconds each; more jumps are left to them
 MOST_RESTARTS = 200
 # largest steps as parts of the whole time, tried until no event is passed over
@@ -39,116 +34,13 @@ UNSEEN = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
-    """An integrator and its tolerances; `is_differentiated` asks for one whose derivatives are exact."""
-
-    method: Method
-    rtol: float
-    atol: float
-    is_compiled: bool = False
-    is_differentiated: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Begin:
-    """A system where it starts: states (n_x,), algebraic variables (n_z,), parameters and, with events, memory.
-
-    `undecided` is the memory before anything was decided.
-    """
-
-    system: System
-    machine: Machine | None
-    x: np.ndarray
-    z: np.ndarray
-    p: np.ndarray
-    found: Mapping[str, float]
-    memory: np.ndarray
-    undecided: np.ndarray
-
-    @property
-    def between(self) -> System:
-        """The system between events."""
-        return self.machine.system if self.machine is not None else self.system
-
-    def inputs(self, u: np.ndarray, memory: np.ndarray | None = None) -> np.ndarray:
-        """Return the inputs of the system between events, from its own inputs (n_u, n) or (n_u,) and the memory."""
-        if self.machine is None:
-            return u
-        return np.concatenate([u, given_of(self.machine, self.memory if memory is None else memory)])
-
-
-@dataclass(frozen=True, slots=True)
-class Run:
-    """States (n_x, n), algebraic variables (n_z, n) and, with events, memory (n_m, n) over a grid."""
-
-    x: np.ndarray
-    z: np.ndarray
-    memory: np.ndarray | None
-
-
-@dataclass(frozen=True, slots=True)
 class Solved:
-    """A run, the same `left` of the jumps of inputs, and what was integrated (None without states), by what plugin."""
+    """A run, the same `left` of the jumps of inputs, what CasADi integrated (None: it did not), and by what plugin."""
 
     run: Run
     left: Run
     whole: Integration | None
     plugin: str
-
-
-def given_of(made: Machine, memory: np.ndarray) -> np.ndarray:
-    """Return what the memory gives to the system between events: discrete variables, relations, and no pulses."""
-    parts = made.memory.split(memory)
-    pulses = np.zeros((made.memory.next.numel(), *memory.shape[1:]))
-    return np.concatenate([parts["discretes"], np.round(parts["relations"]), pulses])
-
-
-def started(system: System, p: np.ndarray, u: np.ndarray, initialize: Callable[..., Start], grid: np.ndarray) -> Begin:
-    """Find a consistent start, with relations and modes that fit it.
-
-    Parameters
-    ----------
-    system, p, u
-        The system, its parameters (n_p,) and inputs at the start (n_u,).
-    initialize
-        The search for a start of a system without events, given system, p and u.
-    grid
-        All times of the run [s].
-
-    Raises
-    ------
-    SolverError
-        If there is none, or if relations at the start go round in circles.
-    """
-    if system.hybrid.is_empty and not system.frictions.places:
-        start = initialize(system, p, u)
-        return Begin(system, None, start.x, start.z, start.p, start.found, np.zeros(0), np.zeros(0))
-    time, span = float(grid[0]), float(grid[-1] - grid[0])
-    made, h = once(system, "machine", span, lambda: machine(system, span)), system.hybrid
-    memory = initial_memory(made, system, time, u, p)
-    s, parts = made.system, made.memory
-    names = [s.time, s.x, s.z, s.u, s.p, s.frictions.force]
-    decide = ca.Function("decide", names, [h.differences < 0, s.frictions.speed, h.conditions])
-    n_f, n_d, n_r = parts.modes.numel(), parts.discretes.numel(), parts.relations.numel()
-    where = slice(n_f + n_d, n_f + n_d + n_r)
-    for _ in range(20):
-        given = np.concatenate([u, given_of(made, memory)])
-        start = initialize(s, p, given)
-        decided = decide(time, start.x, start.z, given, start.p, np.zeros(n_f))
-        relations, speeds, held = (np.asarray(value, dtype=float).ravel() for value in decided)
-        if np.array_equal(relations, memory[where]):
-            break
-        memory[where] = relations
-    else:
-        listing = ", ".join(sorted({f"`{place}`" for place in h.relation_places}))
-        raise SolverError(
-            f"{system.name}: no start fits the conditions of {listing}: each start that is tried makes others true."
-        )
-    memory[:n_f] = np.sign(np.where(np.abs(speeds) > 1e-9, speeds, 0.0))
-    memory[where.stop : where.stop + held.size] = held
-    x, settled = made.settle(time, start.x, memory, start.z, u, start.p)
-    x, settled = np.asarray(x).ravel(), np.asarray(settled).ravel()
-    return Begin(system, made, x, start.z, start.p, start.found, settled, memory)
 
 
 def integrate(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choice) -> Run:
@@ -182,10 +74,12 @@ def solved(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choice)
         z = algebraics_along(system, Start(begin.x, begin.z, begin.p, {}), begin.p, inputs_at(driven, grid), grid)
         run = Run(np.zeros((0, grid.size)), z, None)
         return Solved(run, run, None, "")
+    span = float(grid[-1] - grid[0])
+    if choice.is_compiled and (run := _natively(begin, driven, grid, choice)) is not None:
+        return Solved(run, run, None, "native")
     posed = hybrid_problem(begin.system, made, driven, grid)
     problem = posed.problem
     options: dict[str, Any] = {"reltol": choice.rtol, "abstol": choice.atol, "show_eval_warnings": False}
-    span = float(grid[-1] - grid[0])
     if ca.depends_on(ca.vertcat(problem["ode"], problem["alg"]), problem["t"]):
         options["max_step_size"] = span / 500  # what time does to a model at rest, a long step would pass over
     whole = Integration(
@@ -217,6 +111,19 @@ def solved(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choice)
     )
 
 
+def _natively(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choice) -> Run | None:
+    """Integrate by the engine in C; None where it cannot, and CasADi's integrators have to, or to say why not."""
+    span = float(grid[-1] - grid[0])
+    for share in SHARES:
+        found = native_run(begin, driven, grid, choice, span * share)
+        if found is None or begin.machine is None:
+            return None if found is None else found.run
+        _check_end(begin, found.run)
+        if not np.any(found.lowest < -UNSEEN * found.largest):
+            return found.run
+    return None
+
+
 def _run(begin: Begin, driven: DrivenInputs, choice: Choice, whole: Integration) -> Solved:
     """Integrate by the first of some integrators that can."""
     system, grid, n_x, n_m = begin.between, whole.grid, begin.x.size, begin.memory.size
@@ -224,7 +131,7 @@ def _run(begin: Begin, driven: DrivenInputs, choice: Choice, whole: Integration)
     restarts = len(jumps) <= MOST_RESTARTS and not choice.is_differentiated  # a derivative is that of one piece
     whole = replace(whole, jumps=tuple(jumps if restarts else []))
     result, failures, plugin = None, [], ""
-    for plugin in _plugins(begin, driven, grid, choice):
+    for plugin in plugins(begin, driven, grid, choice):
         result, reason = whole.run(plugin, grid.size)
         if result is not None:
             break
@@ -261,49 +168,6 @@ def _missed(begin: Begin, made: Machine, driven: DrivenInputs, run: Run, grid: n
     # an event lies where it is found; what a step leaves wrong is far larger
     least = -UNSEEN * np.abs(values).max(axis=1, initial=0.0)
     return sorted({f"`{made.places[k]}`" for k in np.flatnonzero((least > values.T).any(axis=0))})
-
-
-def _plugins(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choice) -> tuple[str, ...]:
-    method = choice.method
-    if begin.machine is not None:
-        if method in ("cvodes", "idas"):
-            what = "dry friction" if begin.system.hybrid.is_empty else "the model"
-            raise ModelError(f"Method `{method}` cannot locate the events of {what}; use `adaptive`.")
-        if method != "adaptive":
-            return (method,)
-        if begin.z.size:
-            return ("rosenbrock",)
-        n_steps = _fastest_rate(begin, driven, grid) * float(grid[-1] - grid[0]) / STABLE
-        return ("erk", "rosenbrock") if n_steps < MOST_STEPS else ("rosenbrock", "erk")
-    if method != "adaptive":
-        return (method,)
-    if choice.is_compiled or choice.is_differentiated:  # cvodes and idas cannot be
-        n_steps = _fastest_rate(begin, driven, grid) * float(grid[-1] - grid[0]) / STABLE
-        return ("erk",) if n_steps < FEW_STEPS and not begin.z.size else ("rosenbrock",)
-    if begin.system.algebraics:
-        return ("idas", "rosenbrock")
-    # cvodes gives up now and then where an input jumps
-    return ("cvodes", "rosenbrock") if jumps_of(driven, grid).any() else ("cvodes",)
-
-
-def _fastest_rate(begin: Begin, driven: DrivenInputs, grid: np.ndarray) -> float:
-    """Return the largest eigenvalue of the state equations at the start [1/s]; infinite for a large system."""
-    if begin.x.size > 200:
-        return np.inf
-    u = begin.inputs(input_values(driven, grid[:1], driven.left[:, :1])[:, 0])
-    key = (content(begin.x, begin.z, u, begin.p, begin.memory), float(grid[0]))
-    return once(begin.between, "fastest rate", key, lambda: _rate(begin, u, float(grid[0])))
-
-
-def _rate(begin: Begin, u: np.ndarray, time: float) -> float:
-    made, s = begin.machine, begin.between
-    ode, symbols, modes = s.ode, ca.SX(0, 1), np.zeros(0)
-    if made is not None:
-        (ode,) = replaced([s.ode], [(s.frictions.force, made.force)])
-        symbols, modes = made.memory.modes, made.memory.split(begin.memory)["modes"]
-    slopes = ca.Function("slopes", [s.time, s.x, s.z, s.u, s.p, symbols], [ca.jacobian(ode, s.x)])
-    values = np.asarray(slopes(time, begin.x, begin.z, u, begin.p, modes))
-    return float(np.abs(np.linalg.eigvals(values)).max(initial=0.0)) if np.all(np.isfinite(values)) else np.inf
 
 
 def _check_end(begin: Begin, run: Run) -> None:

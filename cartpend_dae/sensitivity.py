@@ -14,12 +14,14 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.assemble import assemble
+from cartpend_dae.begin import Begin
 from cartpend_dae.coincidence import coincidence
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.hybrid_problem import replaced
 from cartpend_dae.inputs import Input, input_values, inputs_at, jumps_of
-from cartpend_dae.integrate import Begin, Choice, Method, Run, Solved, solved
+from cartpend_dae.integrate import Run, Solved, solved
 from cartpend_dae.language import Component
+from cartpend_dae.plugins import Choice, Method
 from cartpend_dae.simulate import Asked, Ready, check_method, output_grid, prepared_run
 from cartpend_dae.start_slopes import KeepingSearch, settle_slopes, start_slopes
 from cartpend_dae.system import System

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.assemble import assemble, check_bounds
+from cartpend_dae.begin import Begin, started
 from cartpend_dae.continuous import without_events
 from cartpend_dae.dae import dae, parameter_vector
 from cartpend_dae.data import Trajectory
@@ -25,8 +26,9 @@ from cartpend_dae.inputs import (
     refined,
     with_knots,
 )
-from cartpend_dae.integrate import Begin, Choice, Method, Run, integrate, started, trajectory
+from cartpend_dae.integrate import Run, integrate, trajectory
 from cartpend_dae.language import Component
+from cartpend_dae.plugins import Choice, Method
 from cartpend_dae.prepared import content, once
 from cartpend_dae.quantities import is_number
 from cartpend_dae.singular import check_regular

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
+from cartpend_dae.begin import Begin
 from cartpend_dae.continuous import before_events
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.events import Machine
 from cartpend_dae.initialize import Found, Start, find_start
-from cartpend_dae.integrate import Begin
 from cartpend_dae.prepared import once
 from cartpend_dae.start_conditions import Rank, Request, Steady
 from cartpend_dae.system import System

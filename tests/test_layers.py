@@ -58,6 +58,9 @@ LAYERS = """
     operating_point breakdown
     linearize design
     hybrid_problem time_events
+    begin
+    plugins
+    native
     integrate
     simulate start_slopes coincidence
     sensitivity

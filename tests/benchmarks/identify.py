@@ -30,7 +30,7 @@ from chain import Chain  # noqa: E402
 
 from cartpend_dae import simulate  # noqa: E402
 
-RUNS, RUN_SAMPLES, CHAIN_NOISE, LIMIT = 4, 2500, 1e-4, 300
+RUNS, RUN_SAMPLES, CHAIN_NOISE, LIMIT = 4, 2500, 1e-4, 900
 CHAIN_TRUTH = {
     "mass_1.m": 1.0, "mass_2.m": 1.5, "mass_3.m": 0.7, "gap_1.c": 200.0, "gap_2.c": 300.0, "gap_3.c": 150.0,
     "gap_1.d": 1.0, "gap_2.d": 2.0, "gap_3.d": 0.5, "rail.d": 1.5,
@@ -47,7 +47,7 @@ def child(python, *arguments):
     except subprocess.TimeoutExpired:
         return {"failed": f"not done after {LIMIT} s"}
     if done.returncode:
-        return {"failed": done.stderr.strip().splitlines()[-1]}
+        return {"failed": (done.stderr.strip() or f"exit code {done.returncode}").splitlines()[-1]}
     return json.loads(done.stdout.strip().splitlines()[-1])
 
 
