@@ -16,9 +16,10 @@ from cartpend_dae.console import assignments, console_of_results, say, spoken, w
 from cartpend_dae.data_report import describe_data
 from cartpend_dae.demo import make_demo
 from cartpend_dae.errors import StudyError
-from cartpend_dae.fmu_commands import check_fmu, crosscheck
 from cartpend_dae.fmi import export_fmu as write_fmu
+from cartpend_dae.fmu_commands import check_fmu, crosscheck, export_modelica
 from cartpend_dae.linearize import linearize as linearize_model
+from cartpend_dae.modelica.reader import read_modelica
 from cartpend_dae.planning import design_study
 from cartpend_dae.report import tables
 from cartpend_dae.report.beyond import beyond_sentences
@@ -93,8 +94,9 @@ class Friction(StrEnum):
 
 app.command("check-fmu")(check_fmu)
 app.command()(crosscheck)
+app.command("export-modelica")(export_modelica)
 
-Target = Annotated[str, typer.Argument(help="A study (FILE.toml) or a model (FILE.py or FILE.py:Class).")]
+Target = Annotated[str, typer.Argument(help="A study (FILE.toml) or a model (FILE.py, FILE.py:Class, FILE.mo).")]
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (TOML).")]
 Jobs = Annotated[int, typer.Option(min=1, metavar="N", help="Number of processes; results do not depend on it.")]
 Out = Annotated[Path | None, typer.Option(help="Folder for the results; default: STUDY-results.")]
@@ -389,9 +391,11 @@ def _opened(target: str) -> tuple[System, Opened | None]:
     if target.lower().endswith(".toml"):
         opened = open_study(target, needs_runs=False)
         return opened.system, opened
+    if target.lower().endswith(".mo"):
+        return assemble(read_modelica(Path(target))), None
     reference = model_reference(target)
     if reference.path.suffix != ".py":
-        raise StudyError(f"{target}: expected a study (FILE.toml) or a model (FILE.py or FILE.py:Class).")
+        raise StudyError(f"{target}: expected a study (FILE.toml) or a model (FILE.py, FILE.py:Class or FILE.mo).")
     return assemble(load_model(reference)), None
 
 

@@ -14,6 +14,7 @@ from cartpend_dae.fmi.crosscheck import CrossCheck, crosscheck_figure
 from cartpend_dae.fmi.crosscheck import crosscheck as compare
 from cartpend_dae.fmi.instance import Kind
 from cartpend_dae.fmi.standing import standing_checks
+from cartpend_dae.modelica.writer import modelica_text
 from cartpend_dae.report.files import check_folder, complete
 from cartpend_dae.study import load_model, model_reference
 
@@ -83,6 +84,30 @@ def crosscheck(
         say(console, f"Written: {out}")
     if not result.passed:
         raise typer.Exit(1)
+
+
+@spoken
+def export_modelica(
+    model: Annotated[str, typer.Argument(help="The model (FILE.py or FILE.py:Class).")],
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="The file; default: NAME.mo.")] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the Modelica model; default: that of the class.")] = None,
+    start: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="A start value [SI].")] = None,
+    input_: Annotated[
+        list[str] | None, typer.Option("--input", metavar="NAME=VALUE", help="An input that is given a value [SI].")
+    ] = None,
+) -> None:
+    """Write a model as one flat Modelica model that needs no library."""
+    system = assemble(load_model(model_reference(model)))
+    out = out or Path(f"{name or system.name}.mo")
+    check_folder(out.parent)
+    text = modelica_text(
+        system, name=name or system.name, inputs=assignments("--input", input_), start=assignments("--start", start)
+    )
+    try:
+        out.write_text(text, "utf-8")
+    except OSError as error:
+        raise StudyError(f"{out}: it cannot be written: {error.strerror}.") from None
+    say(console_of_results(), f"Written: {out}, {text.count(chr(10))} lines, {len(system.states)} states")
 
 
 def _names(texts: list[str] | None) -> dict[str, str]:

@@ -86,7 +86,7 @@ LAYERS = """
     data_report planning
     report.text
     plots animate
-    fmi
+    fmi modelica
     plot
     report
     progress
@@ -100,7 +100,7 @@ LAYERS = """
 A folder is one layer, but for the files of it that have a line of their own.
 """
 
-HEAVY = {"fmpy", "h5py", "jinja2", "matplotlib", "pandas", "pyarrow", "xarray"}
+HEAVY = {"fmpy", "h5py", "jinja2", "matplotlib", "pandas", "pyarrow", "pymoca", "xarray"}
 """Optional or slow to import: only these may be imported inside a function."""
 
 LAYER_OF = {module: level for level, line in enumerate(LAYERS.split("\n")) for module in line.split()}

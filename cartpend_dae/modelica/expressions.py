@@ -10,12 +10,14 @@ import casadi as ca
 
 from cartpend_dae.errors import ModelError
 
-KEYWORDS = frozenset(
-    "algorithm and annotation assert block break class connect connector constant constrainedby der discrete each else "
-    "elseif elsewhen encapsulated end enumeration equation expandable extends external false final flow for function if "
-    "import impure in initial inner input loop model not operator or outer output package parameter partial protected "
-    "public pure record redeclare replaceable return stream then true type when while within time".split()
-)
+KEYWORDS = {
+    "algorithm", "and", "annotation", "assert", "block", "break", "class", "connect", "connector", "constant",
+    "constrainedby", "der", "discrete", "each", "else", "elseif", "elsewhen", "encapsulated", "end", "enumeration",
+    "equation", "expandable", "extends", "external", "false", "final", "flow", "for", "function", "if", "import",
+    "impure", "in", "initial", "inner", "input", "loop", "model", "not", "operator", "or", "outer", "output",
+    "package", "parameter", "partial", "protected", "public", "pure", "record", "redeclare", "replaceable", "return",
+    "stream", "then", "true", "type", "when", "while", "within", "time",
+}  # fmt: skip
 INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/", ca.OP_POW: "^", ca.OP_CONSTPOW: "^"}
 CALLS = {
     ca.OP_SQRT: "sqrt({0})",

@@ -88,9 +88,7 @@ def modelica_text(
 class _Body:
     """The sections of the model, made one after the other."""
 
-    def __init__(
-        self, system: System, begin: Begin, given: Mapping[str, float | Callable[[ca.SX], ca.SX]]
-    ) -> None:
+    def __init__(self, system: System, begin: Begin, given: Mapping[str, float | Callable[[ca.SX], ca.SX]]) -> None:
         self.system, self.begin = system, begin
         self.given = {n: ca.SX(of(system.time)) if callable(of) else ca.SX(of) for n, of in given.items()}
         self.plain = between_events(system)
@@ -111,7 +109,10 @@ class _Body:
         if not self.n_f:
             return []
         speed = ca.Function("speed", [s.time, s.x, s.z, s.u, s.p], [s.frictions.speed])
-        u = [float(ca.DM(self.given[n])) if n in self.given and self.given[n].is_constant() else 0.0 for n in self.system.inputs]
+        u = [
+            float(ca.DM(self.given[n])) if n in self.given and self.given[n].is_constant() else 0.0
+            for n in self.system.inputs
+        ]
         speeds = np.asarray(speed(0.0, begin.x, begin.z, begin.inputs(np.array(u)), begin.p)).ravel()
         return [
             3 * round(mode) if abs(mode) == 1 and abs(v) <= REST else round(mode)
@@ -127,7 +128,9 @@ class _Body:
         known = [i for i, v in enumerate(s.variables) if v.name not in self._own()]
         driven = ca.SX(ca.vertcat(*self.given.values()))
         columns = [driven, s.ode, s.alg, s.outputs[known, 0], h.differences, hold, *levels]
-        columns = [ca.substitute(c, h.pulses, ca.SX.zeros(h.pulses.numel())) if h.pulses.numel() else c for c in columns]
+        columns = [
+            ca.substitute(c, h.pulses, ca.SX.zeros(h.pulses.numel())) if h.pulses.numel() else c for c in columns
+        ]
         self.shared, found = texts([c for c in columns if c.numel()] or [ca.SX(0)], self.names.now, "shared_")
         rows, at = [], 0
         for column in columns:
@@ -143,14 +146,17 @@ class _Body:
         return lines + self._friction_lines(holds, friction)
 
     def _hold(self, free: ca.SX, influence: ca.SX) -> ca.SX:
-        """Return what is zero while a friction sticks: the relative acceleration, a share of the force for uniqueness."""
+        """Return what is zero while frictions stick, in the unit of a force; for one alone, its force.
+
+        It is the relative acceleration over the influence of the force; a small share of the force makes shares unique.
+        """
         force, rigid = self.system.frictions.force, parallel_frictions(self.plain)
         if self.n_f == 1:
             return -free / influence
         rows = []
         for i in range(self.n_f):
-            slope = MARGIN * influence[i, i] if self.n_f > 2 or rigid[i] else 0
-            rows.append(free[i] + ca.mtimes(influence[i, :], force) + slope * force[i])
+            slope = MARGIN if self.n_f > 2 or rigid[i] else 0
+            rows.append((free[i] + ca.mtimes(influence[i, :], force)) / influence[i, i] + slope * force[i])
         return ca.vertcat(*rows)
 
     def _friction_lines(self, holds: list[Text], laws: list[list[Text]]) -> list[str]:
@@ -266,9 +272,7 @@ class _Body:
                 more = [f"start={literal(begin[name])}"] + (["fixed=true"] if name in states else [])
             lines.append(_declared(kind, name, declaration, more))
         lines += [f"  Real {name};" for name, _ in self.shared]
-        lines += [
-            f"  Boolean relation_{k + 1}(start={str(value).lower()});" for k, value in enumerate(self.relations)
-        ]
+        lines += [f"  Boolean relation_{k + 1}(start={str(value).lower()});" for k, value in enumerate(self.relations)]
         lines += [f"  Boolean clock_{k + 1};" for k in range(s.hybrid.pulses.numel())]
         for place, mode, begins in zip(s.frictions.places, self.mode_names, self.modes, strict=True):
             lines.append(f"  Integer {mode}(start={begins}, fixed=true);")
