@@ -181,8 +181,9 @@ def _base_of(bench: Workbench, before: Base, taken: tuple[Insertion, ...], winne
         bandwidth, point = float(winner.fit.bandwidth[0]), winner.fit.point
         weighed = weigh(bench, together, rules.loads, point, bandwidth, rules.sd)
         return Base(together, {bandwidth: winner.fit}, before.bare, weighed)
-    early = bench.fit(together, winner.fit.point, (rules.screening,), rules.sd)
-    return Base(together, {rules.screening: early, 0.0: winner.fit}, before.bare)
+    stages = [w for w in rules.stages if 0 < w <= rules.screening]
+    fits = {w: bench.fit(together, winner.fit.point, (w,), rules.sd) for w in stages}
+    return Base(together, {**fits, 0.0: winner.fit}, before.bare)
 
 
 def _prune(bench: Workbench, base: Base, steps: list[Step], rules: Rules, n_options: int) -> tuple[Base, list[Step]]:

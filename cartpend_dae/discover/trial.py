@@ -21,8 +21,8 @@ from cartpend_dae.parallel import in_parallel
 WIDE, NARROW, EARLY = 10, 4, 6
 # with disturbances: so many are fitted, of those that promise this share of what they must gain
 FEW, HALF = 5, 0.5
-# with injection chi2 differs little between laws; those whose chi2 is this close are not told apart at the first stage
-NEARLY = 0.1
+# where no effect explains this share of chi2, the injection hides what is missing
+HIDDEN = 0.1
 # effects of one parameter are fitted as well where their prediction is behind by less than this share
 CLOSE = 0.2
 # predictions below this share of the best one are not fitted
@@ -80,7 +80,7 @@ def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
     """Screen all, fit the most promising, and judge; the accepted one, if any, comes first."""
     if rules.regime == "disturbances":
         return _weighed_trials(bench, base, rules, options)
-    screened = screen(bench, base.taken, base.fits[rules.screening].point, options, rules.screening, rules.sd)
+    stage, screened = _screened_where_it_shows(bench, base, rules, options)
     possible = [c for c in screened if not c.why_not]
     rest = [c for c in screened if c.why_not]
     wide = [c for c in possible[:WIDE] if c.predicted > FAINT * possible[0].predicted]
@@ -88,27 +88,32 @@ def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
     rest += [replace(c, why_not="others promise more") for c in possible if c not in wide]
     for candidate in wide:
         bench.expect(candidate.parameters)
-    early = _each(bench, wide, lambda at, candidate: _tried(at, base, rules, candidate), "first fit")
+    early = _each(bench, wide, lambda at, candidate: _tried(at, base, rules, stage, candidate), "first fit")
     rest += [c for c in early if c.why_not]
     ranked = sorted((c for c in early if not c.why_not), key=lambda c: bic(c.fit) if c.fit else np.inf)
-    few = ranked[:NARROW] + (_as_simple_as_any(ranked[NARROW:], ranked) if ranked else [])
+    few = ranked[:NARROW] + [c for c in ranked[NARROW:] if _is_simple(c)][:NARROW]
     rest += [replace(c, fit=None, why_not="others explain more at the first stage") for c in ranked if c not in few]
     judged = _judged(bench, base, rules, few)
     fitted = [c for c in judged if c.fit is not None]
     return _ordered(fitted, base) + [c for c in judged if c.fit is None] + rest
 
 
+def _screened_where_it_shows(
+    bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
+) -> tuple[float, list[Candidate]]:
+    """Screen with the injection of the stage of screening, or with less where that hides what is missing."""
+    stages = sorted((w for w in base.fits if 0 < w <= rules.screening), reverse=True)
+    found = rules.screening, list[Candidate]()
+    for stage in stages:
+        fit = base.fits[stage]
+        found = stage, screen(bench, base.taken, fit.point, options, stage, rules.sd)
+        if any(not c.why_not and c.predicted > HIDDEN * fit.chi2 for c in found[1]):
+            break
+    return found
+
+
 def _is_simple(candidate: Candidate) -> bool:
     return len(candidate.insertion.parameter_names) == 1
-
-
-def _as_simple_as_any(others: list[Candidate], ranked: list[Candidate]) -> list[Candidate]:
-    """Return those with the fewest parameters that a first fit, with injection, hardly tells from the best."""
-    best, fewest = ranked[0].fit, min(len(c.insertion.parameter_names) for c in ranked)
-    simple = [c for c in others if len(c.insertion.parameter_names) == fewest]
-    return [c for c in simple if c.fit is not None and best is not None and c.fit.chi2 < (1 + NEARLY) * best.chi2][
-        :NARROW
-    ]
 
 
 def _weighed_trials(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]) -> list[Candidate]:
@@ -175,11 +180,11 @@ def _each(
     return found
 
 
-def _tried(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> Candidate:
+def _tried(bench: Workbench, base: Base, rules: Rules, stage: float, candidate: Candidate) -> Candidate:
     """Fit a candidate at the stage of screening, roughly: from there it is judged."""
     together = (*base.taken, candidate.insertion)
-    guess = base.fits[rules.screening].point | candidate.parameters
-    fit = bench.fit(together, guess, (rules.screening,), rules.sd, patient=False, iterations=EARLY, stride=ROUGH)
+    guess = base.fits[stage].point | candidate.parameters
+    fit = bench.fit(together, guess, (stage,), rules.sd, patient=False, iterations=EARLY, stride=ROUGH)
     if not np.isfinite(fit.chi2):
         raise SolverError("its simulation diverges")
     return replace(candidate, fit=fit)
