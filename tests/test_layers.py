@@ -20,6 +20,7 @@ LAYERS = """
     language
     splice
     library
+    shelf
     hybrid
     system
     prepared
@@ -85,6 +86,8 @@ LAYERS = """
     plots animate
     report
     console
+    project
+    project_commands
     cli
     __main__
 """
