@@ -20,6 +20,7 @@ LAYERS = """
     language
     splice
     library
+    shelf
     hybrid
     system
     prepared
@@ -92,6 +93,8 @@ LAYERS = """
     progress
     console
     fmu_commands
+    project
+    project_commands
     cli
     __main__
 """
