@@ -74,6 +74,7 @@ class StepPart(Part):
     at: str
     parameters: dict[str, StepParameterPart]
     aliases: list[str]
+    contained_in: list[str]
     evidence: dict[str, float | None]
 
 

@@ -113,7 +113,7 @@ def _accepted(search: Search, number: int | None) -> set[str]:
     if number is None:
         return set()
     step = search.steps[number]
-    return {_name(step.candidate.insertion), *step.aliases}
+    return {_name(step.candidate.insertion), *step.aliases, *step.richer}
 
 
 def made_anew(problem: Problem, fit: Fit, seed: list[int]) -> tuple[Experiment, ...]:

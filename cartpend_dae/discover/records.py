@@ -67,8 +67,8 @@ class Candidate:
 
     `gain` is the drop of the criterion (BIC in the regime of noise; -2 ln likelihood against random forces with
     disturbances); `t` is estimate over sd, there that of the block jackknife; `why_not` is empty for the one
-    accepted. `response` is
-    the direction in which it was predicted to move the residuals.
+    accepted. `response` is the direction in which it was predicted to move the residuals, `early` the chi^2 of the
+    first, rough fit, where there was one.
     """
 
     insertion: Insertion
@@ -79,6 +79,7 @@ class Candidate:
     fit: Fit | None
     why_not: str
     response: np.ndarray | None = field(default=None, compare=False, repr=False)
+    early: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,11 +95,12 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One accepted addition."""
+    """One accepted addition, what the data cannot tell from it, and `richer` laws that hold it and explain no more."""
 
     candidate: Candidate
     gate: Gate
     aliases: tuple[str, ...]
+    richer: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

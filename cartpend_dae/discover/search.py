@@ -8,7 +8,7 @@ from cartpend_dae.discover.evidence import bic, with_robust_sd
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdict
 from cartpend_dae.discover.screen import candidates, screen
-from cartpend_dae.discover.trial import MIN_BIC_GAIN, NEAR, Base, Rules, aliases, is_nearly_all, try_all
+from cartpend_dae.discover.trial import MIN_BIC_GAIN, NEAR, Base, Rules, is_nearly_all, step_of, try_all
 from cartpend_dae.discover.weigh import loads_at, weigh
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place
@@ -117,7 +117,7 @@ def _grow(bench: Workbench, base: Base, rules: Rules, library: _Library, max_ste
             break
         winner = ranked[0]
         base = _base_of(bench, base, base.taken, winner, rules)
-        steps = [*log.steps, Step(winner, residuals(base.fit), aliases(winner, ranked))]
+        steps = [*log.steps, step_of(winner, residuals(base.fit), ranked)]
         base, steps = _prune(bench, base, steps, rules, len(options))
         base, steps = _swap(bench, base, steps, rules, library)
         log.steps, log.base = steps, base
@@ -218,7 +218,7 @@ def _swap(bench: Workbench, base: Base, steps: list[Step], rules: Rules, library
         if _criterion(base) - _criterion(other) <= (NEAR if rules.regime == "noise" else ALIKE):
             continue
         base = other
-        steps = [*others, Step(best, residuals(base.fit), aliases(best, ranked))]
+        steps = [*others, step_of(best, residuals(base.fit), ranked)]
     return base, steps
 
 

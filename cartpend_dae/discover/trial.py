@@ -8,7 +8,7 @@ import numpy as np
 from cartpend_dae.discover.disturbed import judge, ordered, penalty
 from cartpend_dae.discover.evidence import bic, coloured_bic, determined
 from cartpend_dae.discover.gate import residuals
-from cartpend_dae.discover.records import Candidate, Regime
+from cartpend_dae.discover.records import Candidate, Gate, Regime, Step
 from cartpend_dae.discover.screen import screen
 from cartpend_dae.discover.weigh import Weighed
 from cartpend_dae.discover.workbench import ROUGH, Workbench
@@ -164,17 +164,18 @@ def _each(
     is_shared = bench.jobs > 1
     at = bench.quiet() if is_shared else bench
 
-    def attempt(candidate: Candidate) -> tuple[dict[str, float], float, float, Fit | None, str]:
+    def attempt(candidate: Candidate) -> tuple[dict[str, float], float, float, Fit | None, str, float | None]:
         try:
             done = work(at, candidate)
         except (SolverError, ModelError) as error:
-            return candidate.parameters, 0.0, 0.0, None, f"its fit failed: {error}"
-        return done.parameters, done.gain, done.t, done.fit, done.why_not
+            return candidate.parameters, 0.0, 0.0, None, f"its fit failed: {error}", candidate.early
+        return done.parameters, done.gain, done.t, done.fit, done.why_not, done.early
 
     found = []
     for candidate, result in zip(items, in_parallel(attempt, items, jobs=bench.jobs), strict=True):
-        parameters, gain, t, fit, why_not = result
-        found.append(replace(candidate, parameters=parameters, gain=gain, t=t, fit=fit, why_not=why_not))
+        parameters, gain, t, fit, why_not, early = result
+        new = {"parameters": parameters, "gain": gain, "t": t, "fit": fit, "why_not": why_not, "early": early}
+        found.append(replace(candidate, **new))
         if is_shared and fit is not None:
             bench.report(stage, candidate.insertion.prefix, float(np.sqrt(fit.chi2 / fit.n_residuals)))
     return found
@@ -187,7 +188,7 @@ def _tried(bench: Workbench, base: Base, rules: Rules, stage: float, candidate: 
     fit = bench.fit(together, guess, (stage,), rules.sd, patient=False, iterations=EARLY, stride=ROUGH)
     if not np.isfinite(fit.chi2):
         raise SolverError("its simulation diverges")
-    return replace(candidate, fit=fit)
+    return replace(candidate, fit=fit, early=fit.chi2)
 
 
 def _ordered(fitted: list[Candidate], base: Base) -> list[Candidate]:
@@ -265,23 +266,48 @@ def _white_t(fit: Fit, insertion: Insertion) -> float:
     return float(min(ratios, default=0.0))
 
 
-def aliases(winner: Candidate, ranked: list[Candidate]) -> tuple[str, ...]:
-    """Return what the data cannot tell from the winner: places that move alike, effects as good, or that act alike.
+def step_of(winner: Candidate, gate: Gate, ranked: list[Candidate]) -> Step:
+    """Return an accepted addition with what the data cannot tell from it.
 
-    An effect with the same number of parameters whose criterion is within NEAR is as good; one that moves the data in
-    the same direction acts alike, unless its own fit was clearly worse.
+    Those are places that move alike, effects as good, and effects that act alike; apart from them, laws that contain
+    the winner, which explain no more by their further parameters.
     """
+    alike = [other for other in ranked if _is_alike(winner, other)]
+    richer = [other for other in alike if _contains(other, winner, ranked)]
     same = [f"{winner.insertion.card.id} at {place}" for place in winner.insertion.place.same_motion]
-    close = []
-    for other in ranked:
-        if other.insertion.prefix == winner.insertion.prefix:
-            continue
-        is_fitted = other.fit is not None and other.gain != 0.0
-        is_as_good = is_fitted and abs(winner.gain - other.gain) < NEAR
-        is_worse = is_fitted and winner.gain - other.gain > FAR_BEHIND
-        if is_as_good or (are_parallel(winner, other) and not is_worse):
-            close.append(f"{other.insertion.card.id} at {other.insertion.place.at}")
-    return (*same, *close)
+    rivals = [_named(other) for other in alike if other not in richer]
+    return Step(winner, gate, (*same, *rivals), tuple(_named(other) for other in richer))
+
+
+def _named(candidate: Candidate) -> str:
+    return f"{candidate.insertion.card.id} at {candidate.insertion.place.at}"
+
+
+def _is_alike(winner: Candidate, other: Candidate) -> bool:
+    """Return whether an effect explains as much, or was predicted to move the data alike and not seen to do worse.
+
+    It explains as much where its criterion is within NEAR; it does worse where its last fit or, without one, its first
+    is clearly behind.
+    """
+    if other.insertion.prefix == winner.insertion.prefix:
+        return False
+    is_fitted = other.fit is not None and other.gain != 0.0
+    if is_fitted and abs(winner.gain - other.gain) < NEAR:
+        return True
+    is_worse = is_fitted and winner.gain - other.gain > FAR_BEHIND
+    if other.early is not None and winner.early is not None:
+        is_worse |= other.early - winner.early > FAR_BEHIND
+    return are_parallel(winner, other) and not is_worse
+
+
+def _contains(rich: Candidate, simple: Candidate, ranked: list[Candidate]) -> bool:
+    """Return whether a law at a place contains another one at the same place, be it by a law in between."""
+    cards = {c.insertion.card.id: c.insertion.card for c in ranked} | {simple.insertion.card.id: simple.insertion.card}
+    known, new = set[str](), {simple.insertion.card.id}
+    while new:
+        known |= new
+        new = {above for card in new if card in cards for above in cards[card].nested_in} - known
+    return rich.insertion.place.at == simple.insertion.place.at and rich.insertion.card.id in known
 
 
 def are_parallel(one: Candidate, other: Candidate) -> bool:

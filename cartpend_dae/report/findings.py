@@ -106,6 +106,11 @@ def alias_bars(result: Json, step: Json) -> list[Bar]:
     return bars
 
 
+def richer(step: Json) -> list[str]:
+    """Return the names of the laws that contain an addition and explain no more."""
+    return [effect_name(name.partition(" at ")[0]).removeprefix("a ") for name in step.get("contained_in", ())]
+
+
 def confidence(result: Json) -> list[tuple[str, str]]:
     """Return what the verdict rests on, as pairs of a question and its answer."""
     found = []

@@ -17,9 +17,9 @@ from cartpend_dae.experiment_design import Ranking
 from cartpend_dae.identify import Estimate, Fit
 from cartpend_dae.likelihood import Profile, profile
 from cartpend_dae.problem import Problem
+from cartpend_dae.report.beyond import beyond_result
 from cartpend_dae.report.diagram import diagram_json
 from cartpend_dae.report.ledger import command_line, ledger, package_version
-from cartpend_dae.report.beyond import beyond_result
 from cartpend_dae.report.text import all_candidates, discovery_sentence, identification_sentence
 from cartpend_dae.session import Opened
 
@@ -231,6 +231,7 @@ def _step(step: Step, final: Fit) -> Json:
         "at": candidate.insertion.place.at,
         "parameters": {e.name: _estimate(e) for e in final.parameters if e.name in names},
         "aliases": list(step.aliases),
+        "contained_in": list(step.richer),
         "evidence": {
             "gain": candidate.gain,
             "predicted": candidate.predicted,

@@ -157,12 +157,15 @@ def identification_sentence(opened: Opened, fit: Fit, errors: Assessment, gate: 
 
 
 def alias_sentence(search: Search) -> tuple[str, ...]:
-    """Say what the data cannot tell from what was added; nothing if there is no such thing."""
-    return tuple(
-        f"These runs cannot tell `{step.candidate.insertion.prefix}` from: {', '.join(step.aliases)}."
-        for step in search.steps
-        if step.aliases
-    )
+    """Say what the data cannot tell from what was added, and which richer laws are not needed."""
+    found = []
+    for step in search.steps:
+        name = step.candidate.insertion.prefix
+        if step.aliases:
+            found.append(f"These runs cannot tell `{name}` from: {', '.join(step.aliases)}.")
+        if step.richer:
+            found.append(f"Laws that contain `{name}` explain no more: {', '.join(step.richer)}.")
+    return tuple(found)
 
 
 def remarks(fit: Fit) -> tuple[str, ...]:
