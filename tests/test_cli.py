@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from demo_run import demo_run
 from typer.testing import CliRunner
 
 from cartpend_dae import cli, simulate
+from cartpend_dae.commands import studies
 from cartpend_dae.compiled import SUFFIX
 from cartpend_dae.errors import StudyError
 from cartpend_dae.report.files import complete
@@ -409,7 +411,7 @@ def test_a_bug_is_one_line_that_says_how_to_see_more(study, monkeypatch):
     def broken(*_, **__):
         raise ZeroDivisionError("two\nlines")
 
-    monkeypatch.setattr(cli, "open_study", broken)
+    monkeypatch.setattr(studies, "open_study", broken)
     result = run("identify", study)
     assert result.exit_code == 1
     assert result.stderr.count("\n") == 1 and "ZeroDivisionError: two lines" in result.stderr
@@ -438,7 +440,7 @@ def test_interrupt_of_a_fit_is_a_sentence_and_130(study, monkeypatch):
         report("fit", "baseline", 1.0)
         raise AssertionError("the interrupt was lost")
 
-    monkeypatch.setattr(cli, "solve_study", interrupted)
+    monkeypatch.setattr(studies, "solve_study", interrupted)
     handler = signal.getsignal(signal.SIGINT)
     before = files_in(study.parent)
     result = run("identify", study)
@@ -451,7 +453,7 @@ def test_interrupt_of_a_fit_is_a_sentence_and_130(study, monkeypatch):
 def test_interrupt_of_a_search_writes_the_best_so_far(study, monkeypatch):
     found = demo_run().discovery
     search = replace(found.search, interrupted=True)
-    monkeypatch.setattr(cli, "discover_study", lambda opened, **_: replace(found, search=search))
+    monkeypatch.setattr(studies, "discover_study", lambda opened, **_: replace(found, search=search))
     result = run("discover", study, "--out", "results")
     assert result.exit_code == 0, result.output
     assert "The search was interrupted; this is the best so far." in result.stdout
@@ -464,3 +466,30 @@ def test_the_module_runs_as_a_program():
     )
     assert result.returncode == 2
     assert result.stderr.strip().endswith("nothing.toml: there is no such study file.")
+
+
+def test_the_list_of_commands_is_that_of_their_own_help():
+    for name, command in cli.COMMANDS.items():
+        assert cli.loaded(name).help.splitlines()[0] == command.summary
+    for module in {command.module for command in cli.COMMANDS.values()}:
+        assert import_module(f"cartpend_dae.commands.{module}")
+
+
+def test_help_imports_nothing_that_takes_time():
+    code = """
+import sys
+from cartpend_dae.cli import main
+try:
+    main(["--help"])
+except SystemExit as end:
+    assert not end.code
+slow = {"casadi", "numpy", "scipy", "pandas", "matplotlib", "fmpy"} & set(sys.modules)
+assert not slow, slow
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_command_that_is_misspelt_is_answered_by_the_nearest_one():
+    result = run("simulat")
+    assert result.exit_code == 2 and "simulate" in result.stderr

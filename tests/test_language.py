@@ -2,6 +2,9 @@
 
 import copy
 import re
+import subprocess
+import sys
+from types import ModuleType
 from typing import Any
 
 import casadi as ca
@@ -10,6 +13,7 @@ import pytest
 from library_bench import joined
 from scipy.integrate import solve_ivp
 
+import cartpend_dae
 from cartpend_dae import (
     Component,
     ModelError,
@@ -465,3 +469,15 @@ def test_a_port_of_an_own_class_carries_its_own_quantities():
     run = simulate(joined((lever.flange, mass.flange_a), lever=lever, mass=mass), 1.0, start={"mass.s": 1.0})
     # sqrt(20/5) = 2 rad/s; default rtol 1e-8, a few hundred steps.
     np.testing.assert_allclose(run["mass.s"], np.cos(2 * run.time), atol=1e-6)
+
+
+def test_the_public_names_are_those_that_are_declared():
+    assert sorted(cartpend_dae._HOMES) == sorted(cartpend_dae.__all__)
+    for name in cartpend_dae.__all__:
+        assert not isinstance(getattr(cartpend_dae, name), ModuleType), name
+    # a module of the same name that is imported later does not take the place of the function
+    code = "import cartpend_dae.simulate, cartpend_dae; print(callable(cartpend_dae.simulate), len(dir(cartpend_dae)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("True")
+    with pytest.raises(AttributeError, match="module 'cartpend_dae' has no attribute 'nothing'"):
+        cartpend_dae.nothing  # noqa: B018
