@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 from cartpend_dae.everyday import uncertain, with_unit
 from cartpend_dae.report.facts import ROLES
@@ -144,8 +144,8 @@ def rate_bars(result: Json) -> list[Bar]:
         n, hits, removed = rate["n"], rate["hits"], rate["removed"]
         if not n:
             continue
-        low = float(beta.ppf(0.025, hits, n - hits + 1)) if hits else 0.0
-        high = float(beta.ppf(0.975, hits + 1, n - hits)) if hits < n else 1.0
+        low = float(betaincinv(hits, n - hits + 1, 0.025)) if hits else 0.0
+        high = float(betaincinv(hits + 1, n - hits, 0.975)) if hits < n else 1.0
         label = "Placebo: added where nothing is missing" if removed is None else f"Power: {removed} found again"
         note = f"95 %: {number(100 * low, 2)} to {number(100 * high, 2)} %"
         bars.append(Bar(label, f"{hits} of {n}", 100 * hits / n, removed is not None, note))
