@@ -93,7 +93,7 @@ def write_discovery(folder: Path, opened: Opened, discovery: Discovery, seconds:
         _candidates(partial / "candidates.csv", search)
         if search.candidates:
             _figure(partial / "candidates.png", plots.candidate_figure(search))
-        write_page(partial)
+    write_page(folder)
     return result
 
 
@@ -105,7 +105,7 @@ def write_identification(folder: Path, opened: Opened, found: Identification, se
         result["horizons"] = plain(ahead_of_fit(opened.setup, found.fit))
         _json(partial / "result.json", result)
         _parameters(partial / "parameters.csv", opened, {"fit": found.fit})
-        write_page(partial)
+    write_page(folder)
     return result
 
 

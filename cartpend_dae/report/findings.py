@@ -20,7 +20,7 @@ def effect(step: Json) -> str:
 
 def gain_label(result: Json) -> str:
     """Say what the score of a candidate is."""
-    return "drop of BIC" if result.get("regime") == "noise" else "% of the cost explained"
+    return "drop of BIC" if result.get("regime") == "noise" else "share of the cost explained in %"
 
 
 def gain_text(result: Json, gain: float) -> str:
