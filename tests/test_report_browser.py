@@ -183,6 +183,27 @@ def test_a_drag_looks_closer_and_a_double_click_shows_all(browser, report):
         assert view_of(page) == whole
 
 
+def test_the_wheel_scrolls_the_page_and_with_control_the_curve(browser, report):
+    with opened(browser, report) as page:
+        page.locator(".u-over").first.scroll_into_view_if_needed()
+        box = page.locator(".u-over").first.bounding_box()
+        page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 60)
+        whole = view_of(page)
+        page.keyboard.down("Control")
+        page.mouse.wheel(0, -200)
+        page.wait_for_function(f"+document.querySelector('#charts').dataset.from > {whole[0]}")
+        page.keyboard.up("Control")
+        begin, end = view_of(page)
+        assert (begin + end) / 2 == pytest.approx((whole[0] + whole[1]) / 2, abs=0.02)
+        page.mouse.wheel(100, 0)
+        page.wait_for_function(f"+document.querySelector('#charts').dataset.from > {begin}")
+        assert view_of(page)[1] - view_of(page)[0] == pytest.approx(end - begin)
+        moved, scrolled = view_of(page), page.evaluate("scrollY")
+        page.mouse.wheel(0, 150)
+        page.wait_for_function(f"scrollY > {scrolled}")
+        assert view_of(page) == moved
+
+
 def test_the_pointer_reads_all_curves_at_one_time(browser, report):
     table = pd.read_csv(report.parent / "release3.csv")
     with opened(browser, report) as page:
