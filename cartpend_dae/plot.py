@@ -16,7 +16,8 @@ from cartpend_dae.assess import Assessment, RunError
 from cartpend_dae.bootstrap import Bootstrap
 from cartpend_dae.data import Experiment, Trajectory, nearest
 from cartpend_dae.data_report import DataReport
-from cartpend_dae.discover.records import Candidate, Discovery, Gate, Search
+from cartpend_dae.discover import Discovery
+from cartpend_dae.discover.records import Candidate, Gate, Search
 from cartpend_dae.errors import ModelError
 from cartpend_dae.everyday import for_people
 from cartpend_dae.experiment_design import Ranking
