@@ -109,40 +109,116 @@ def _shapes(system: System, names: set[str], at: Callable[[str], np.ndarray]) ->
     """Yield what can be drawn of each component, by the variables it has."""
     springs = 0
     for path, _ in system.flat.components:
-        prefix = f"{path}." if path else ""
-
-        def has(*wanted: str, prefix: str = prefix) -> bool:
-            return all(prefix + name in names for name in wanted)
-
-        if has("frame_a.x", "frame_b.x"):
-            x, y = (np.column_stack([at(f"{prefix}frame_a.{q}"), at(f"{prefix}frame_b.{q}")]) for q in "xy")
-            if np.ptp(x, axis=1).max() + np.ptp(y, axis=1).max() > 1e-9:
-                yield Shape(x, y, ROD, 4.0)
-        elif has("pivot.s", "phi"):
-            s, phi, length = at(prefix + "pivot.s"), at(prefix + "phi"), _length(system, prefix)
-            yield Shape(
-                np.column_stack([s, s + length * np.sin(phi)]),
-                np.column_stack([0 * s, -length * np.cos(phi)]),
-                ROD,
-                4.0,
-            )
-        elif has("flange_a.s", "flange_b.s", "a"):
-            s = at(prefix + "s")
-            yield Shape(s[:, None], 0 * s[:, None], BODY, 0.0, "s")
-        elif has("flange_a.s", "flange_b.s", "s_rel") and not has("mode"):
-            springs += 1
-            a, b = at(prefix + "flange_a.s"), at(prefix + "flange_b.s")
-            share = np.linspace(0, 1, ZIGZAG.size)
-            size = 0.02 * max(float(np.ptp(np.concatenate([a, b]))), 1e-3)
-            y = np.tile(ZIGZAG * size - 2.5 * size * (springs % 3), (a.size, 1))
-            yield Shape(a[:, None] + share * (b - a)[:, None], y, SPRING, 1.2)
+        part = _Part(system, names, at, f"{path}." if path else "")
+        shapes = next((found for draw in DRAWN if (found := list(draw(part)))), [])
+        if not shapes and part.has("flange_a.s", "flange_b.s", "s_rel") and not part.has("mode"):
+            springs += 1  # several springs between two places stand one below the other
+            shapes = [_rail_spring(part, springs)]
+        yield from shapes
 
 
-def _length(system: System, prefix: str) -> float:
-    for parameter in system.parameters:
-        if parameter.name == f"{prefix}l" and parameter.value is not None:
-            return parameter.value
-    return 1.0
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """A component with its motion."""
+
+    system: System
+    names: set[str]
+    at: Callable[[str], np.ndarray]
+    prefix: str
+
+    def has(self, *wanted: str) -> bool:
+        return all(self.prefix + name in self.names for name in wanted)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.at(self.prefix + name)
+
+    def point(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return where a frame is."""
+        return self[f"{name}.x"], self[f"{name}.y"]
+
+    def parameter(self, name: str) -> float | None:
+        wanted = self.prefix + name
+        return next((q.value for q in self.system.parameters if q.name == wanted), None)
+
+
+def _line(points: Iterable[tuple[np.ndarray, np.ndarray]], color: str, width: float, marker: str = "") -> Shape:
+    x, y = zip(*points, strict=True)
+    return Shape(np.column_stack(x), np.column_stack(y), color, width, marker)
+
+
+def _pulled(part: _Part) -> Iterable[Shape]:
+    """Draw what pulls two points of the plane together as a zigzag between them."""
+    if part.has("frame_a.x", "frame_b.x", "length", "f"):
+        (x_a, y_a), (x_b, y_b) = part.point("frame_a"), part.point("frame_b")
+        share, swing = np.linspace(0, 1, ZIGZAG.size), 0.04 * float(part["length"].max()) * ZIGZAG
+        length = np.maximum(np.hypot(x_b - x_a, y_b - y_a), 1e-12)
+        across = ((y_a - y_b) / length, (x_b - x_a) / length)
+        x = x_a[:, None] + share * (x_b - x_a)[:, None] + swing * across[0][:, None]
+        y = y_a[:, None] + share * (y_b - y_a)[:, None] + swing * across[1][:, None]
+        yield Shape(x, y, SPRING, 1.2)
+
+
+def _body(part: _Part) -> Iterable[Shape]:
+    """Draw a body of the plane: a rod from frame to frame, or to its centre of mass, and that as a dot."""
+    if part.has("frame_a.x", "x", "y", "v_x"):
+        centre = (part["x"], part["y"])
+        ends = [part.point("frame_a"), part.point("frame_b") if part.has("frame_b.x") else centre]
+        if _apart(*ends):
+            yield _line(ends, ROD, 4.0)
+        yield _line([centre], BODY, 0.0, "o")
+
+
+def _apart(a: tuple[np.ndarray, np.ndarray], b: tuple[np.ndarray, np.ndarray]) -> bool:
+    return float(np.max(np.hypot(a[0] - b[0], a[1] - b[1]))) > 1e-9
+
+
+def _between_frames(part: _Part) -> Iterable[Shape]:
+    """Draw a bar as a rod, what a slider has gone along as a rail, and a hinge as a dot."""
+    if part.has("frame_a.x", "frame_b.x"):
+        ends = [part.point("frame_a"), part.point("frame_b")]
+        if _apart(*ends):
+            yield _line(ends, RAIL if part.has("s", "v") else ROD, 2.0 if part.has("s", "v") else 4.0)
+        else:
+            yield _line(ends[:1], SPRING, 0.0, ".")
+
+
+def _held(part: _Part) -> Iterable[Shape]:
+    """Draw a point that is held in the plane."""
+    if part.has("frame_b.x") and not part.has("frame_a.x"):
+        yield _line([part.point("frame_b")], SPRING, 0.0, "^")
+
+
+def _hanging(part: _Part) -> Iterable[Shape]:
+    """Draw a rod that hangs on a slide."""
+    if part.has("pivot.s", "phi"):
+        s, phi, length = part["pivot.s"], part["phi"], part.parameter("l") or 1.0
+        yield _line([(s, 0 * s), (s + length * np.sin(phi), -length * np.cos(phi))], ROD, 4.0)
+
+
+def _turning(part: _Part) -> Iterable[Shape]:
+    """Draw a rod on a shaft, which hangs where its angle is 0."""
+    length = part.parameter("l")
+    if part.has("flange.phi", "phi") and length is not None:
+        phi = part["phi"]
+        yield _line([(0 * phi, 0 * phi), (length * np.sin(phi), -length * np.cos(phi))], ROD, 4.0)
+
+
+def _sliding(part: _Part) -> Iterable[Shape]:
+    """Draw a body on the rail."""
+    if part.has("flange_a.s", "flange_b.s", "a"):
+        yield _line([(part["s"], 0 * part["s"])], BODY, 0.0, "s")
+
+
+def _rail_spring(part: _Part, count: int) -> Shape:
+    a, b = part["flange_a.s"], part["flange_b.s"]
+    share = np.linspace(0, 1, ZIGZAG.size)
+    size = 0.02 * max(float(np.ptp(np.concatenate([a, b]))), 1e-3)
+    y = np.tile(ZIGZAG * size - 2.5 * size * (count % 3), (a.size, 1))
+    return Shape(a[:, None] + share * (b - a)[:, None], y, SPRING, 1.2)
+
+
+DRAWN = (_pulled, _body, _between_frames, _held, _hanging, _turning, _sliding)
+"""How a component is drawn: the first of these that has something to draw."""
 
 
 def _frame(axes: "Axes", shapes: list[Shape], name: str) -> None:

@@ -55,7 +55,7 @@ def symbol(name: str) -> str:
     while name.startswith("der(") and name.endswith(")"):
         name, order = name[4:-1], order + 1
     path, _, last = name.rpartition(".")
-    base, _, index = last.partition("_")
+    base, _, index = re.sub(r"^([A-Za-z]+)(?=\d+$)", r"\1_", last).partition("_")
     letter = rf"\{base}" if GREEK.fullmatch(base) else base if len(base) == 1 else rf"\mathrm{{{_plain(base)}}}"
     if order:
         letter = rf"\{'d' * min(order, 4)}ot{{{letter}}}"

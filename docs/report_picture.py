@@ -28,7 +28,6 @@ def main():
         for name, view in VIEWS.items():
             page = browser.new_page(**view)
             page.goto((out / "results" / "report.html").as_uri())
-            page.wait_for_function("window.reportReady > 0")
             page.screenshot(path=HERE / name)
         browser.close()
 

@@ -90,6 +90,15 @@ def view_of(page) -> tuple[float, float]:
     return tuple(float(page.get_attribute("#charts", name)) for name in ("data-from", "data-to"))
 
 
+def until(page, is_so) -> None:
+    """Wait until something is so; playwright's own way needs `eval`, which the page forbids."""
+    for _ in range(50):
+        if is_so():
+            return
+        page.wait_for_timeout(100)
+    pytest.fail("It did not come about within 5 s.")
+
+
 def violations(page) -> list[str]:
     from axe_playwright_python.sync_playwright import Axe
 
@@ -181,6 +190,27 @@ def test_a_drag_looks_closer_and_a_double_click_shows_all(browser, report):
         assert (begin, end) == pytest.approx((whole[0] + 0.25 * span, whole[0] + 0.5 * span), abs=0.01 * span)
         page.mouse.dblclick(box["x"] + 0.6 * box["width"], box["y"] + 60)
         assert view_of(page) == whole
+
+
+def test_the_wheel_scrolls_the_page_and_with_control_the_curve(browser, report):
+    with opened(browser, report) as page:
+        page.locator(".u-over").first.scroll_into_view_if_needed()
+        box = page.locator(".u-over").first.bounding_box()
+        page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 60)
+        whole = view_of(page)
+        page.keyboard.down("Control")
+        page.mouse.wheel(0, -200)
+        until(page, lambda: view_of(page)[0] > whole[0])
+        page.keyboard.up("Control")
+        begin, end = view_of(page)
+        assert (begin + end) / 2 == pytest.approx((whole[0] + whole[1]) / 2, abs=0.02)
+        page.mouse.wheel(100, 0)
+        until(page, lambda: view_of(page)[0] > begin)
+        assert view_of(page)[1] - view_of(page)[0] == pytest.approx(end - begin)
+        moved, scrolled = view_of(page), page.evaluate("scrollY")
+        page.mouse.wheel(0, 150)
+        until(page, lambda: page.evaluate("scrollY") > scrolled)
+        assert view_of(page) == moved
 
 
 def test_the_pointer_reads_all_curves_at_one_time(browser, report):

@@ -149,6 +149,19 @@ def test_rates_have_their_intervals():
     assert power.text == "20 of 20" and power.note == "95 %: 83 to 100 %"
 
 
+def test_what_is_left_and_what_would_tell_answers_apart_are_shown():
+    place = {"at": "bearing", "evidence": 12.0, "placebo": 3.0, "rms": 0.02, "unit": "N.m", "is_seen": True}
+    unseen = place | {"at": "rod", "evidence": 0.0, "is_seen": False}
+    left = {"open_set": {"message": "A force of `bearing` is left.", "at": "bearing", "places": [place, unseen]}}
+    result = stored_result() | left | {"splits": [{"message": "A step of `u` tells them apart."}]}
+    first, second = findings.unknown_bars(result)
+    assert (first.length, first.is_accepted, first.note) == (100.0, True, "placebo 3, rms 0.02 N.m")
+    assert second.text == "not seen"
+    page = page_of(Stored(result, ()))
+    assert "A step of <code>u</code> tells them apart." in page
+    assert "A force of <code>bearing</code> is left." in page
+
+
 def test_numbers_are_short_and_have_no_computer_exponent():
     assert [number(x) for x in (0.0602, 7024.7, 123456.0, 3.4e-10, -0.06, None, math.nan)] == [
         "0.0602",

@@ -1,6 +1,7 @@
 """The errors over horizons that a result holds: how far off the model is, by how far it looks ahead."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 from cartpend_dae.assess import system_with
@@ -9,6 +10,7 @@ from cartpend_dae.discover import Discovery
 from cartpend_dae.discover.records import Setup
 from cartpend_dae.discover.workbench import assembled, renamed
 from cartpend_dae.effects import Insertion
+from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.horizons import Ahead, error_ahead
 from cartpend_dae.identify import Fit
 
@@ -37,14 +39,17 @@ def _chosen(setup: Setup) -> tuple[Experiment, ...]:
 
 
 def _ahead(setup: Setup, insertions: tuple[Insertion, ...], fit: Fit, bandwidth: float) -> Mapping[str, Ahead]:
+    """Measure the errors of a model; a run that it cannot be simulated on from any instant is left out."""
     chosen = _chosen(setup)
     if not chosen:
         return {}
     system = assembled(setup.model, insertions, (*setup.train, *setup.select, *setup.test))
-    return {
-        run.name: error_ahead(system_with(system, fit.values_in(run.name)), run, bandwidth=bandwidth, step=setup.step)
-        for run in renamed(chosen, insertions)
-    }
+    found = {}
+    for run in renamed(chosen, insertions):
+        with suppress(ModelError, SolverError):
+            model = system_with(system, fit.values_in(run.name))
+            found[run.name] = error_ahead(model, run, bandwidth=bandwidth, step=setup.step)
+    return found
 
 
 def _entries(setup: Setup, found: Mapping[str, Mapping[str, Ahead]]) -> list[dict[str, Any]]:
@@ -59,5 +64,6 @@ def _entries(setup: Setup, found: Mapping[str, Mapping[str, Ahead]]) -> list[dic
             "errors": {moment: ahead[run.name].error[:, column].tolist() for moment, ahead in found.items()},
         }
         for run in _chosen(setup)
+        if all(run.name in ahead for ahead in found.values())
         for column, (name, channel) in enumerate(run.outputs.items())
     ]

@@ -130,7 +130,7 @@ def write_discovery(folder: Path, opened: Opened, discovery: Discovery, seconds:
             unknown_table(discovery.beyond.open_set).to_csv(partial / "unknown_inputs.csv", index=False)
         if search.candidates:
             _figure(partial / "candidates.png", plots.candidate_figure(search))
-        write_page(partial)
+    write_page(folder)
     return result
 
 
@@ -142,7 +142,7 @@ def write_identification(folder: Path, opened: Opened, found: Identification, se
         result["horizons"] = plain(ahead_of_fit(opened.setup, found.fit))
         _json(partial / "result.json", result)
         _parameters(partial / "parameters.csv", opened, {"fit": found.fit})
-        write_page(partial)
+    write_page(folder)
     return result
 
 

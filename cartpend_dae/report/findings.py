@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 from cartpend_dae.everyday import uncertain, with_unit
 from cartpend_dae.report.facts import ROLES
@@ -19,15 +19,13 @@ def effect(step: Json) -> str:
 
 
 def gain_label(result: Json) -> str:
-    """Say what the score of a candidate is."""
-    return "drop of BIC" if result.get("regime") == "noise" else "% of the cost explained"
+    """Say what the gain of a candidate is."""
+    return result.get("gain_label", "gain")
 
 
 def gain_text(result: Json, gain: float) -> str:
     """Say what a gain means."""
-    if result.get("regime") == "noise":
-        return f"the Bayesian information criterion falls by {number(gain, 4)}"
-    return f"it explains {number(gain)} % of the cross-validated cost"
+    return f"{number(gain, 4)}, {gain_label(result)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,9 +135,24 @@ def _rival(result: Json) -> tuple[str, str] | None:
     best = max(fitted, key=lambda c: c["score"])
     gap = (steps[-1]["evidence"].get("gain") or 0.0) - best["score"]
     name = f"{effect_name(best['effect']).removeprefix('a ')} at {best['at']}"
-    what = "of BIC" if result.get("regime") == "noise" else "% of the cost"
     why = best["why_not"].replace("`", "")
-    return "Next best", f"{name}, {number(abs(gap))} {what} {'behind' if gap >= 0 else f'ahead, but {why}'}"
+    return "Next best", f"{name}, {number(abs(gap))} {'behind' if gap >= 0 else f'ahead, but {why}'}"
+
+
+def unknown_bars(result: Json) -> list[Bar]:
+    """Return the evidence per place of an unknown force, with the level that a placebo reaches there."""
+    places = (result.get("open_set") or {}).get("places", [])
+    top = max([place["evidence"] for place in places] + [1e-300])
+    return [
+        Bar(
+            place["at"],
+            f"{number(place['evidence'])}" if place["is_seen"] else "not seen",
+            max(0.0, 100 * place["evidence"] / top),
+            place["at"] == result["open_set"]["at"],
+            f"placebo {number(place['placebo'])}, rms {number(place['rms'])} {place['unit']}",
+        )
+        for place in places
+    ]
 
 
 def rate_bars(result: Json) -> list[Bar]:
@@ -149,8 +162,8 @@ def rate_bars(result: Json) -> list[Bar]:
         n, hits, removed = rate["n"], rate["hits"], rate["removed"]
         if not n:
             continue
-        low = float(beta.ppf(0.025, hits, n - hits + 1)) if hits else 0.0
-        high = float(beta.ppf(0.975, hits + 1, n - hits)) if hits < n else 1.0
+        low = float(betaincinv(hits, n - hits + 1, 0.025)) if hits else 0.0
+        high = float(betaincinv(hits + 1, n - hits, 0.975)) if hits < n else 1.0
         label = "Placebo: added where nothing is missing" if removed is None else f"Power: {removed} found again"
         note = f"95 %: {number(100 * low, 2)} to {number(100 * high, 2)} %"
         bars.append(Bar(label, f"{hits} of {n}", 100 * hits / n, removed is not None, note))

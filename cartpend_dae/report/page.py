@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import math
+import os
 from dataclasses import replace
 from functools import cache
 from importlib.resources import files
@@ -32,8 +33,13 @@ def write_page(folder: Path) -> Path:
     """
     page = page_of(read_stored(folder))
     path = folder / "report.html"
+    partial = folder / f".report.html.partial-{os.getpid()}"
     try:
-        path.write_text(page, "utf-8")
+        try:
+            partial.write_text(page, "utf-8")
+            os.replace(partial, path)
+        finally:
+            partial.unlink(missing_ok=True)
     except OSError as error:
         raise StudyError(f"{path}: the report cannot be written: {error.strerror or error}.") from None
     return path

@@ -158,6 +158,18 @@
     }, data, holder);
     plot.looks = series.map((s) => s.look);
     plot.over.addEventListener("dblclick", () => acts.all());
+    // the wheel scrolls the page; with Ctrl it changes the scale, sideways or with Shift it moves along
+    plot.over.addEventListener("wheel", (event) => {
+      const span = view[1] - view[0], side = event.shiftKey ? event.deltaX || event.deltaY : event.deltaX;
+      if (event.ctrlKey || event.metaKey) {
+        const at = plot.posToVal(event.clientX - plot.over.getBoundingClientRect().left, "x");
+        const scale = Math.exp(0.002 * Math.max(-200, Math.min(200, event.deltaY)));
+        look(at - (at - view[0]) * scale, at + (view[1] - at) * scale);
+      } else if (Math.abs(side) > Math.abs(event.shiftKey ? 0 : event.deltaY)) {
+        look(view[0] + (side / plot.over.clientWidth) * span, view[1] + (side / plot.over.clientWidth) * span);
+      } else return;
+      event.preventDefault();
+    }, { passive: false });
     touch(plot);
     return plot;
   };
