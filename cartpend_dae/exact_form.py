@@ -68,7 +68,7 @@ class _Point:
 def reason_against(problem: Problem, fit: Fit) -> str:
     """Say why the exact form is not worth its cost or has no meaning for a fit; empty where it has."""
     if np.any(fit.bandwidth > 0):
-        return "it is of predictions, which follow the measured motion"
+        return "the fit is of predictions, which follow the measured motion"
     layout = problem.layout
     directions = len(layout.slots) + len(layout.ties) + problem.system.x.numel()
     work = sum(layout.run_lengths) * layout.substeps * directions
@@ -271,5 +271,5 @@ def finished(problem: Problem, fit: Fit, *, exact: bool | None = None) -> Fit:
 
 
 def _kept(fit: Fit, reason: str) -> Fit:
-    sentence = f"The figures rest on steps of fixed length over the model's events; not on its exact form: {reason}."
+    sentence = f"The figures rest on steps of fixed length over the model's events, not on its exact form: {reason}."
     return replace(fit, notes=(*fit.notes, sentence))
