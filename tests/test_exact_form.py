@@ -147,7 +147,7 @@ def test_predictions_and_long_fits_keep_their_steps_and_say_why(monkeypatch):
     problem = stuck_pendulum()
     followed = finished(problem, estimate(problem, bandwidth=5.0), exact=True)
     assert followed.form == "time-stepping"
-    assert any("not on its exact form: it is of predictions" in note for note in followed.notes)
+    assert any("not on its exact form: the fit is of predictions" in note for note in followed.notes)
     monkeypatch.setattr(module, "BEARABLE", 10)
     fit = estimate(problem)
     long = finished(problem, fit)
