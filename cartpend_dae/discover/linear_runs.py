@@ -31,13 +31,13 @@ MOST = 3000
 class Block:
     """Some samples of a run as one step of the whole state (dx, dtheta, d): it becomes `step` times it, and `rest`.
 
-    Half the sum of squared residuals is `constant`/2 + `pull` . state + state' `gram` state/2; `width` is in seconds.
+    The sum of squared residuals is |`offset` + `root`' state|^2 + `constant`; `width` is in seconds.
     """
 
     step: np.ndarray
     rest: np.ndarray
-    gram: np.ndarray
-    pull: np.ndarray
+    root: np.ndarray
+    offset: np.ndarray
     constant: float
     width: float
 
@@ -195,16 +195,21 @@ def _block(local: Local, part: slice, width: float, is_last: bool) -> Block:
     n_x, n_theta, n_d = local.transition.shape[1], local.theta.shape[2], local.unknown.shape[2]
     size = n_x + n_theta + n_d
     whole, rest = np.eye(size), np.zeros(size)
-    gram, pull, constant = np.zeros((size, size)), np.zeros(size), 0.0
+    slopes, errors = [], []
     for k in range(part.start, part.stop):
         seen = np.hstack([local.seen[k], local.seen_theta[k], local.seen_unknown[k]])
-        slope, error = seen @ whole, local.residual[k] + seen @ rest
-        gram += slope.T @ slope
-        pull += slope.T @ error
-        constant += float(error @ error)
+        slopes.append(seen @ whole)
+        errors.append(local.residual[k] + seen @ rest)
         if k + 1 == part.stop and is_last:
             break
         moved = np.hstack([local.transition[k], local.theta[k], local.unknown[k]])
         rest = np.concatenate([moved @ rest - local.jump[k], rest[n_x:]])
         whole = np.vstack([moved @ whole, whole[n_x:]])
-    return Block(whole, rest, gram, pull, constant, width)
+    slope, error = np.vstack(slopes), np.concatenate(errors)
+    constant = 0.0
+    if len(slope) > size:  # as few rows as say the same
+        turn, short = np.linalg.qr(slope)
+        constant = float(error @ error)
+        slope, error = short, turn.T @ error
+        constant -= float(error @ error)
+    return Block(whole, rest, slope.T, error, constant, width)

@@ -11,7 +11,7 @@ import numpy as np
 
 from cartpend_dae.discover.linear_runs import LinearRuns, linear_runs
 from cartpend_dae.discover.portrait import Portrait, portrait, unit_at
-from cartpend_dae.discover.smoother import Smoothed, imagined, likely, smooth
+from cartpend_dae.discover.smoother import TINY, Smoothed, imagined, likely, smooth
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place, fits, places
 from cartpend_dae.effects.catalogue import card_of
@@ -187,7 +187,7 @@ def _weighed(linear: LinearRuns) -> tuple[np.ndarray, np.ndarray, list[np.ndarra
     n = len(linear.unknown)
     n_blocks = sum(len(run.blocks) for run in linear.runs)
     none = smooth(linear, np.zeros((1, n)), MEMORY)
-    begin = none.pulls * n_blocks / np.maximum(none.stiffness, 1e-300) ** 2
+    begin = none.pulls * n_blocks / np.maximum(none.stiffness, TINY) ** 2
     variances, joint = _together(linear, begin)
     without = smooth(linear, np.where(np.eye(n, dtype=bool), 0.0, variances), MEMORY)
     # what an input adds while the others stay as they are is more than what it adds while they may grow
