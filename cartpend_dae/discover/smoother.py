@@ -24,6 +24,8 @@ STEPS = 10
 # relative change of the log likelihood [its units] at which the variances stand
 STILL = 0.3
 TINY = 1e-100
+# variance of what is expected over that of the noise beyond which rounding is larger than the noise
+DROWNED = 1e14
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,19 +33,29 @@ class Smoothed:
     """Log likelihood (n_b,) up to a constant, and the inputs by run, (n_b, n_blocks, n_d).
 
     `pulls` and `stiffness` (n_b, n_d) are twice the positive and negative part of the likelihood's slope in the
-    inputs' variances.
+    inputs' variances, `squares` (n_b,) the sum of squared innovations over their variances.
     """
 
     log_likelihood: np.ndarray
     inputs: tuple[np.ndarray, ...]
     pulls: np.ndarray
     stiffness: np.ndarray
+    squares: np.ndarray
 
     def only(self, row: int) -> "Smoothed":
         """Return what belongs to one choice of variances."""
         one = slice(row, row + 1)
         inputs = tuple(part[one] for part in self.inputs)
-        return Smoothed(self.log_likelihood[one], inputs, self.pulls[one], self.stiffness[one])
+        return Smoothed(self.log_likelihood[one], inputs, self.pulls[one], self.stiffness[one], self.squares[one])
+
+    def but(self, rows: np.ndarray, other: "Smoothed") -> "Smoothed":
+        """Return the same, for some choices of variances that of another."""
+        inputs = tuple(np.where(rows[:, None, None], b, a) for a, b in zip(self.inputs, other.inputs, strict=True))
+        likelihood = np.where(rows, other.log_likelihood, self.log_likelihood)
+        pulls, stiffness = (
+            np.where(rows[:, None], getattr(other, n), getattr(self, n)) for n in ("pulls", "stiffness")
+        )
+        return Smoothed(likelihood, inputs, pulls, stiffness, np.where(rows, other.squares, self.squares))
 
 
 def smooth(
@@ -67,7 +79,8 @@ def smooth(
     mean, cov = np.zeros((n_b, size)), np.zeros((n_b, size, size))
     cov[:, n_x : n_x + n_t, n_x : n_x + n_t] = LOOSE**2 * np.eye(n_t)
     tape: list[_Node] = []
-    total = np.zeros(n_b)
+    lost = np.zeros(n_b, dtype=bool)
+    total, squares = np.zeros(n_b), np.zeros(n_b)
     for r, run in enumerate(linear.runs):
         begin = _beginning(run, n_x, n_t, n_d)
         step, rest, share = begin, np.zeros(size), 1.0
@@ -75,15 +88,19 @@ def smooth(
             mean = mean @ step.T + rest
             cov = step @ cov @ step.T
             cov[:, n_x + n_t :, n_x + n_t :] += share * _diagonal(variances)
+            lost |= ~(np.abs(block.root.T @ cov @ block.root).max(axis=(1, 2)) < DROWNED)
+            mean[lost], cov[lost] = 0.0, 0.0
             offset = block.offset if data is None else data[r][k]
-            node, mean, cov, gain = _update(mean, cov, block.root, offset, _Way(step, share, r))
+            node, mean, cov, square, logdet = _update(mean, cov, block.root, offset, _Way(step, share, r))
             tape.append(node)
-            total += gain - block.constant / 2
+            squares += square + block.constant
+            total -= (square + block.constant + logdet) / 2
             fade = np.exp(-block.width / memory)
             step, share = block.step.copy(), 1 - fade**2
             rest = block.rest if data is None else np.zeros(size)
             step[n_x + n_t :] *= fade
-    return _backwards(linear, tape, total)
+    total[lost] = -np.inf
+    return _backwards(linear, tape, total, squares)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,23 +138,25 @@ def _diagonal(variances: np.ndarray) -> np.ndarray:
 
 def _update(
     mean: np.ndarray, cov: np.ndarray, root: np.ndarray, offset: np.ndarray, way: _Way
-) -> tuple[_Node, np.ndarray, np.ndarray, np.ndarray]:
-    """Weigh what a block says; return the node, the updated moments and the log likelihood of the block."""
+) -> tuple[_Node, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Weigh what a block says; return the node, the updated moments, squared innovations and their log variance."""
     crossed = cov @ root
     spread = np.eye(root.shape[1]) + root.T @ crossed
     error = offset + mean @ root
-    inverse = np.linalg.inv(spread)
+    values, vectors = np.linalg.eigh(spread)
+    values = np.maximum(values, 1.0)  # that of the noise
+    inverse = (vectors / values[:, None, :]) @ vectors.transpose(0, 2, 1)
     gain = crossed @ inverse
     weighed = np.einsum("bij,bj->bi", inverse, error)
     turn = np.eye(root.shape[0]) - gain @ root.T
     # the form that stays positive whatever the rounding (Joseph)
     after = turn @ cov @ turn.transpose(0, 2, 1) + gain @ gain.transpose(0, 2, 1)
-    cost = np.sum(error * weighed, axis=1) + np.linalg.slogdet(spread)[1]
     node = _Node(mean, cov, turn, weighed @ root.T, root @ inverse @ root.T, way)
-    return node, mean - np.einsum("bij,bj->bi", gain, error), after, -cost / 2
+    logdet = np.sum(np.log(values), axis=1)
+    return node, mean - np.einsum("bij,bj->bi", gain, error), after, np.sum(error * weighed, axis=1), logdet
 
 
-def _backwards(linear: LinearRuns, tape: list[_Node], total: np.ndarray) -> Smoothed:
+def _backwards(linear: LinearRuns, tape: list[_Node], total: np.ndarray, squares: np.ndarray) -> Smoothed:
     n_d, (n_b, size) = len(linear.unknown), tape[0].mean.shape
     push, curve = np.zeros((n_b, size)), np.zeros((n_b, size, size))
     pulls, stiffness = np.zeros((n_b, n_d)), np.zeros((n_b, n_d))
@@ -154,7 +173,7 @@ def _backwards(linear: LinearRuns, tape: list[_Node], total: np.ndarray) -> Smoo
         push = push @ way.step
         curve = way.step.T @ curve @ way.step
     series = tuple(np.array(part[::-1]).transpose(1, 0, 2) for part in inputs)
-    return Smoothed(total, series, pulls, stiffness)
+    return Smoothed(total, series, pulls, stiffness, squares)
 
 
 def likely(
@@ -186,8 +205,9 @@ def likely(
         if worse.any():  # the square root of the ratio never makes it worse
             trial = np.where(worse[:, None], variances * np.sqrt(ratio), trial)
             after = smooth(linear, trial, memory)
-        variances, found = trial, after
-        if np.all(np.abs(found.log_likelihood - last) < STILL):
+            worse = ~(after.log_likelihood >= last - STILL)
+        variances, found = np.where(worse[:, None], variances, trial), after.but(worse, found)
+        if np.all((found.log_likelihood <= last + STILL) | np.isinf(last)):
             break
     return variances, found
 
