@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cartpend_dae.discover.disturbed import judge, ordered, penalty
+from cartpend_dae.discover.disturbed import ALIKE as ALIKE_WEIGHED
+from cartpend_dae.discover.disturbed import fitted, judge, ordered, penalty
 from cartpend_dae.discover.evidence import bic, coloured_bic, determined
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.records import Candidate, Regime
@@ -21,8 +22,8 @@ from cartpend_dae.parallel import in_parallel
 WIDE, NARROW, EARLY = 10, 4, 6
 # with disturbances: so many are fitted, of those that promise this share of what they must gain
 FEW, HALF = 5, 0.5
-# with injection chi2 differs little between laws; those whose chi2 is this close are not told apart at the first stage
-NEARLY = 0.1
+# where no effect explains this share of chi2, the injection hides what is missing
+HIDDEN = 0.1
 # effects of one parameter are fitted as well where their prediction is behind by less than this share
 CLOSE = 0.2
 # predictions below this share of the best one are not fitted
@@ -34,6 +35,8 @@ PARALLEL = 0.95
 # noise alone: drop of BIC (largest on 90 data sets with nothing missing: 8.6)
 MIN_BIC_GAIN = 20.0
 NEAR, FAR_BEHIND = 3.0, 100.0
+# what a law that is linear in the motion depends on
+LINEAR = {"1", "x", "v", "a"}
 # von Neumann's z of what is noise beyond doubt: below the largest of 90 data sets with nothing missing
 CLEAN = 2.5
 # laws are right to some percent, and so much of what they explain may be left by their shape: where none leaves noise
@@ -80,7 +83,7 @@ def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
     """Screen all, fit the most promising, and judge; the accepted one, if any, comes first."""
     if rules.regime == "disturbances":
         return _weighed_trials(bench, base, rules, options)
-    screened = screen(bench, base.taken, base.fits[rules.screening].point, options, rules.screening, rules.sd)
+    stage, screened = _screened_where_it_shows(bench, base, rules, options)
     possible = [c for c in screened if not c.why_not]
     rest = [c for c in screened if c.why_not]
     wide = [c for c in possible[:WIDE] if c.predicted > FAINT * possible[0].predicted]
@@ -88,27 +91,32 @@ def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
     rest += [replace(c, why_not="others promise more") for c in possible if c not in wide]
     for candidate in wide:
         bench.expect(candidate.parameters)
-    early = _each(bench, wide, lambda at, candidate: _tried(at, base, rules, candidate), "first fit")
+    early = _each(bench, wide, lambda at, candidate: _tried(at, base, rules, stage, candidate), "first fit")
     rest += [c for c in early if c.why_not]
     ranked = sorted((c for c in early if not c.why_not), key=lambda c: bic(c.fit) if c.fit else np.inf)
-    few = ranked[:NARROW] + (_as_simple_as_any(ranked[NARROW:], ranked) if ranked else [])
+    few = ranked[:NARROW] + [c for c in ranked[NARROW:] if _is_simple(c)][:NARROW]
     rest += [replace(c, fit=None, why_not="others explain more at the first stage") for c in ranked if c not in few]
     judged = _judged(bench, base, rules, few)
-    fitted = [c for c in judged if c.fit is not None]
-    return _ordered(fitted, base) + [c for c in judged if c.fit is None] + rest
+    complete = [c for c in judged if c.fit is not None]
+    return _ordered(bench, complete, base, rules) + [c for c in judged if c.fit is None] + rest
+
+
+def _screened_where_it_shows(
+    bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
+) -> tuple[float, list[Candidate]]:
+    """Screen with the injection of the stage of screening, or with less where that hides what is missing."""
+    stages = sorted((w for w in base.fits if 0 < w <= rules.screening), reverse=True)
+    found = rules.screening, list[Candidate]()
+    for stage in stages:
+        fit = base.fits[stage]
+        found = stage, screen(bench, base.taken, fit.point, options, stage, rules.sd)
+        if any(not c.why_not and c.predicted > HIDDEN * fit.chi2 for c in found[1]):
+            break
+    return found
 
 
 def _is_simple(candidate: Candidate) -> bool:
     return len(candidate.insertion.parameter_names) == 1
-
-
-def _as_simple_as_any(others: list[Candidate], ranked: list[Candidate]) -> list[Candidate]:
-    """Return those with the fewest parameters that a first fit, with injection, hardly tells from the best."""
-    best, fewest = ranked[0].fit, min(len(c.insertion.parameter_names) for c in ranked)
-    simple = [c for c in others if len(c.insertion.parameter_names) == fewest]
-    return [c for c in simple if c.fit is not None and best is not None and c.fit.chi2 < (1 + NEARLY) * best.chi2][
-        :NARROW
-    ]
 
 
 def _weighed_trials(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]) -> list[Candidate]:
@@ -175,27 +183,28 @@ def _each(
     return found
 
 
-def _tried(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> Candidate:
+def _tried(bench: Workbench, base: Base, rules: Rules, stage: float, candidate: Candidate) -> Candidate:
     """Fit a candidate at the stage of screening, roughly: from there it is judged."""
     together = (*base.taken, candidate.insertion)
-    guess = base.fits[rules.screening].point | candidate.parameters
-    fit = bench.fit(together, guess, (rules.screening,), rules.sd, patient=False, iterations=EARLY, stride=ROUGH)
+    guess = base.fits[stage].point | candidate.parameters
+    fit = bench.fit(together, guess, (stage,), rules.sd, patient=False, iterations=EARLY, stride=ROUGH)
     if not np.isfinite(fit.chi2):
         raise SolverError("its simulation diverges")
     return replace(candidate, fit=fit)
 
 
-def _ordered(fitted: list[Candidate], base: Base) -> list[Candidate]:
+def _ordered(bench: Workbench, judged: list[Candidate], base: Base, rules: Rules) -> list[Candidate]:
     """Put the one to take first: of those that explain the data alike, the one with the fewest parameters."""
-    fitted = sorted(fitted, key=lambda c: (bool(c.why_not), -c.gain))
-    good = [c for c in fitted if not c.why_not]
+    judged = sorted(judged, key=lambda c: (bool(c.why_not), -c.gain))
+    good = [c for c in judged if not c.why_not]
     if not good:
-        return fitted
+        return judged
     best = good[0]
     assert best.fit is not None
     alike = [c for c in good if best.gain - c.gain < _margin(c, best) or _is_shapeless(c, good, base)]
-    first = min(alike, key=lambda c: (determined(c.fit), -c.gain))
-    others = [replace(c, why_not=c.why_not or _second(c, first)) for c in fitted if c is not first]
+    fewest = min(determined(c.fit) for c in alike)
+    first = _likeliest(bench, [c for c in alike if determined(c.fit) == fewest], base, rules)
+    others = [replace(c, why_not=c.why_not or _second(c, first)) for c in judged if c is not first]
     return [first, *others]
 
 
@@ -207,6 +216,26 @@ def _margin(candidate: Candidate, best: Candidate) -> float:
     assert candidate.fit is not None and best.fit is not None
     share = ALIKE_SHARE if residuals(candidate.fit).is_passed else ALIKE_WHITE
     return max(ALIKE, share * best.fit.chi2)
+
+
+def _likeliest(bench: Workbench, tied: list[Candidate], base: Base, rules: Rules) -> Candidate:
+    """Return the best of those as simple as each other; against random forces, where none leaves noise alone.
+
+    There a law that is linear in the motion is simpler than one that is not.
+    """
+    leaves_noise = any(c.fit is not None and not residuals(c.fit).is_passed for c in tied)
+    if len(tied) == 1 or leaves_noise:
+        return max(tied, key=lambda c: c.gain)
+
+    def criterion(candidate: Candidate) -> float:
+        assert candidate.fit is not None
+        together = (*base.taken, candidate.insertion)
+        return fitted(bench, together, rules.loads, candidate.fit.point, rules.screening, rules.sd)[1].criterion
+
+    values = [criterion(candidate) for candidate in tied]
+    near = [c for c, value in zip(tied, values, strict=True) if value < min(values) + ALIKE_WEIGHED]
+    linear = [c for c in near if set(c.insertion.card.regressors) <= LINEAR]
+    return linear[0] if linear else tied[int(np.argmin(values))]
 
 
 def _is_shapeless(candidate: Candidate, good: list[Candidate], base: Base) -> bool:
