@@ -150,10 +150,7 @@ def _localized(
             float(evidence[i]),
             rms[i],
             float(placebo[i]),
-            (
-                *(everywhere[j] for j in twins[i][1:]),
-                *(names[j] for j in np.flatnonzero(alike[i]) if j != i),
-            ),
+            tuple(everywhere[k] for j in sorted({i, *np.flatnonzero(alike[i])}) for k in twins[j] if k != twins[i][0]),
             bool(seen[i]),
         )
         for i, insertion in enumerate(unknown)
