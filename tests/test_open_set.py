@@ -15,6 +15,7 @@ from cartpend_dae.discover.closure import KINDS, Reach, weights
 from cartpend_dae.discover.localize import LIMIT
 from cartpend_dae.effects import catalogue, insert_all, places
 from cartpend_dae.library import closures
+from models.driven_cart import DrivenCart
 from models.linear_damp_mod import LinearDampMod
 from models.rota_damp import RotaDamp
 
@@ -43,10 +44,26 @@ def test_a_closure_is_absent_where_its_weights_are_zero_and_acts_where_not(model
     assert all(item.prior is not None and item.prior.sd == 1.0 for item in free)
 
 
-def test_a_closure_stands_between_two_flanges_only():
-    sensor = next(place for place in places(RotaDamp(), ("bearing.phi",)) if place.insertion == "sensor")
-    with pytest.raises(ModelError, match=r"`bearing\.phi` is no place for a closure"):
-        closure_at(sensor, "spline", REACH)
+def test_a_closure_does_not_stand_in_series():
+    series = next(place for place in places(LinearDampMod()) if place.insertion == "series")
+    with pytest.raises(ModelError, match=r"is no place for a closure, which stands between two flanges, before an inp"):
+        closure_at(series, "spline", REACH)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_closure_before_an_input_or_behind_a_sensor_is_absent_at_first_and_then_felt(kind):
+    reach = Reach(middle=0.0, half=6.0, speed=1.0, force=1.0)
+    model = DrivenCart()
+    found = {place.insertion: place for place in places(model, ("encoder.s",)) if place.kind is None}
+    both = tuple(closure_at(found[manner], kind, reach) for manner in ("input", "sensor"))
+    more = insert_all(model, both)
+    names = {"u": f"amplifier.u.{kind}_closure.u", "y": f"encoder.s.{kind}_closure.y"}
+    plain = simulate(model, 0.5, points=51, inputs={"amplifier.u": 4.0})
+    same = simulate(more, 0.5, points=51, inputs={names["u"]: 4.0})
+    np.testing.assert_allclose(same[names["y"]], plain["encoder.s"], rtol=0, atol=1e-12)
+    outer = {item.name: 1.0 for item in weights(assemble(more), both[0].prefix) if item.name.endswith(".a")}
+    felt = simulate(more, 0.5, points=51, inputs={names["u"]: 4.0}, parameters=outer)
+    assert np.abs(felt["encoder.s"] - plain["encoder.s"]).max() > 1e-4
 
 
 def test_the_pieces_of_a_spline_are_one_together_and_smooth():

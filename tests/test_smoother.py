@@ -21,8 +21,7 @@ def random_runs(seed, n_blocks=(7, 5)):
             step[:N_X] = 0.5 * rng.standard_normal((N_X, SIZE))
             rest = np.concatenate([0.3 * rng.standard_normal(N_X), np.zeros(N_T + N_D)])
             slope, offset = rng.standard_normal((3, SIZE)), rng.standard_normal(3)
-            gram, pull = slope.T @ slope, slope.T @ offset
-            blocks.append(Block(step, rest, gram, pull, float(offset @ offset), WIDTH))
+            blocks.append(Block(step, rest, slope.T, offset, 0.0, WIDTH))
             seen.append((slope, offset))
         start = rng.standard_normal((N_X, N_T))
         runs.append(LinearRun("r", np.arange(n) * WIDTH, np.arange(n), start, tuple(blocks), None))
@@ -85,10 +84,10 @@ def test_the_slopes_in_the_variances_are_those_of_the_likelihood():
 def test_the_variances_of_made_data_are_found_again():
     linear, _ = random_runs(2, n_blocks=(400,))
     truth = np.array([[0.5, 0.0]])
-    (pulls,) = imagined(linear, truth, MEMORY, np.random.default_rng(0))
+    (offsets,) = imagined(linear, truth, MEMORY, np.random.default_rng(0))
     blocks = tuple(
-        Block(b.step, np.zeros(SIZE), b.gram, pull, 0.0, b.width)
-        for b, pull in zip(linear.runs[0].blocks, pulls[0], strict=True)
+        Block(b.step, np.zeros(SIZE), b.root, offset[0], 0.0, b.width)
+        for b, offset in zip(linear.runs[0].blocks, offsets, strict=True)
     )
     (run,) = linear.runs
     made = LinearRuns(

@@ -13,24 +13,29 @@ from cartpend_dae.discover.evidence import coloured_bic
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.records import Gate
 from cartpend_dae.discover.workbench import Workbench
-from cartpend_dae.effects import Card, Insertion, Place, choice
-from cartpend_dae.effects.card import R, T
+from cartpend_dae.effects import Card, EffectParameter, Insertion, Place
+from cartpend_dae.effects.card import Kind, R, T
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.identify import Fit, estimate
+from cartpend_dae.language import Component
 from cartpend_dae.library import closures
 from cartpend_dae.system import System
 from cartpend_dae.unknowns import Free, Prior
 
 ClosureKind = Literal["spline", "process", "network"]
 KINDS: tuple[ClosureKind, ...] = get_args(ClosureKind)
-_CLASSES = {
-    "spline": (closures.TurningSpline, closures.SlidingSpline),
-    "process": (closures.TurningProcess, closures.SlidingProcess),
-    "network": (closures.TurningNetwork, closures.SlidingNetwork),
+_CLASSES: dict[ClosureKind, tuple[type[Component], ...]] = {
+    "spline": (closures.TurningSpline, closures.SlidingSpline, closures.SignalSpline),
+    "process": (closures.TurningProcess, closures.SlidingProcess, closures.SignalProcess),
+    "network": (closures.TurningNetwork, closures.SlidingNetwork, closures.SignalNetwork),
 }
 _WORDS = {"spline": "splines", "process": "a Gaussian process", "network": "a neural network"}
-# parameters of a closure that are numbers of its place, and not learned; at a shaft, and on a line
-_GIVEN = (("tau_0", "f_0"), ("phi_m", "s_m"), ("phi_0", "s_0"), ("w_0", "v_0"))
+# parameters of a closure that are numbers of its place, and not learned: size, middle and half of its range, speed
+_GIVEN: dict[Kind, tuple[str, ...]] = {
+    R: ("tau_0", "phi_m", "phi_0", "w_0"),
+    T: ("f_0", "s_m", "s_0", "v_0"),
+    None: ("y_0", "u_m", "u_0"),
+}
 # weights of outputs are known to be of order one, those inside a neuron to be near where they start
 WEIGHT = 1.0
 # force of the closure's prior over the rms of what is missing
@@ -63,15 +68,15 @@ class Reach:
     force: float
 
 
-def closure_card(kind: ClosureKind) -> Card:
-    """Return the card of a closure, which no search tries: it fits any port between two flanges."""
-    turning, sliding = _CLASSES[kind]
+def closure_card(kind: ClosureKind, place: Place) -> Card:
+    """Return the card of a closure at a place, which no search tries."""
+    classes: dict[Kind, type[Component]] = dict(zip((R, T, None), _CLASSES[kind], strict=True))
     return Card(
         id=f"{kind}_closure",
         summary=f"a law of displacement and speed by {_WORDS[kind]}",
-        insertion="parallel",
-        components={R: turning, T: sliding},
-        parameters=tuple(choice(name, (1.0,), (other, (1.0,))) for name, other in _GIVEN),
+        insertion=place.insertion,
+        components={place.kind: classes[place.kind]},
+        parameters=tuple(EffectParameter({place.kind: name}, -np.inf, np.inf, "choice") for name in _GIVEN[place.kind]),
         dissipative=False,
         nested_in=(),
         equivalent_to={},
@@ -87,13 +92,16 @@ def closure_at(place: Place, kind: ClosureKind, reach: Reach) -> Insertion:
     Raises
     ------
     ModelError
-        If the place is no port between two flanges.
+        If the place is neither between two flanges nor at an input or a sensor.
     """
-    if place.insertion != "parallel" or place.kind not in (R, T):
-        raise ModelError(f"`{place.at}` is no place for a closure, which stands between two flanges.")
+    if place.insertion not in ("parallel", "input", "sensor") or place.kind not in _GIVEN:
+        raise ModelError(
+            f"`{place.at}` is no place for a closure, which stands between two flanges, before an input "
+            f"or behind a sensor."
+        )
     numbers = (reach.force, reach.middle, reach.half, reach.speed)
-    names = (pair[place.kind is T] for pair in _GIVEN)
-    return Insertion(closure_card(kind), place, dict(zip(names, numbers, strict=True)))
+    values = dict(zip(_GIVEN[place.kind], numbers, strict=False))
+    return Insertion(closure_card(kind, place), place, values)
 
 
 def kind_of(closure: Insertion) -> ClosureKind:

@@ -19,10 +19,8 @@ class Robust:
 
 
 def determined(fit: Fit | None) -> int:
-    """Return how many parameters the data determine in a fit: those inside their bounds, less the open directions."""
-    if fit is None:
-        return 0
-    return sum(estimate.status != "at-bound" for estimate in fit.parameters) - len(fit.blind)
+    """Return how many numbers describe a fit: its parameters, less the directions that the data leave open."""
+    return 0 if fit is None else len(fit.parameters) - len(fit.blind)
 
 
 def bic(fit: Fit) -> float:

@@ -9,7 +9,7 @@ of the start states, have a likelihood of their own, and the residual of the inj
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -31,13 +31,13 @@ MOST = 3000
 class Block:
     """Some samples of a run as one step of the whole state (dx, dtheta, d): it becomes `step` times it, and `rest`.
 
-    Half the sum of squared residuals is `constant`/2 + `pull` . state + state' `gram` state/2; `width` is in seconds.
+    The sum of squared residuals is |`offset` + `root`' state|^2 + `constant`; `width` is in seconds.
     """
 
     step: np.ndarray
     rest: np.ndarray
-    gram: np.ndarray
-    pull: np.ndarray
+    root: np.ndarray
+    offset: np.ndarray
     constant: float
     width: float
 
@@ -71,7 +71,10 @@ class Local:
 
 @dataclass(frozen=True, slots=True)
 class LinearRuns:
-    """All runs, with the names of the unknown inputs; `problem` and `values` are what was linearised, and where."""
+    """All runs, with the names of the unknown inputs; `problem` and `values` are what was linearised, and where.
+
+    `n` is the number of measured values, `noise` the factor on the sensors' noise with which residuals are weighed.
+    """
 
     unknown: tuple[str, ...]
     n_x: int
@@ -79,6 +82,17 @@ class LinearRuns:
     runs: tuple[LinearRun, ...]
     problem: Problem
     values: np.ndarray
+    n: int = 0
+    noise: float = 1.0
+
+    def with_noise(self, factor: float) -> "LinearRuns":
+        """Return the same with the noise of all sensors larger by a factor."""
+        runs = tuple(replace(run, blocks=tuple(_noisier(block, factor) for block in run.blocks)) for run in self.runs)
+        return replace(self, runs=runs, noise=self.noise * factor)
+
+
+def _noisier(block: Block, factor: float) -> Block:
+    return replace(block, root=block.root / factor, offset=block.offset / factor, constant=block.constant / factor**2)
 
 
 def linear_runs(
@@ -88,6 +102,8 @@ def linear_runs(
     point: Mapping[str, float],
     bandwidth: float,
     sd: np.ndarray,
+    *,
+    fineness: int = 1,
 ) -> LinearRuns:
     """Linearise the training runs at a fit, with inputs that nobody knows.
 
@@ -105,6 +121,8 @@ def linear_runs(
         Bandwidth of the output injection that keeps the trajectory at the data [rad/s].
     sd
         Noise used as weight, shape (n_y,).
+    fineness
+        Into how many parts the times are divided over which inputs are constant.
 
     Raises
     ------
@@ -122,14 +140,15 @@ def linear_runs(
     frequency = dominant_frequency(bench.setup.train)
     whole = sum(float(np.ptp(run.time)) for run in problem.experiments)
     longest = float(np.clip(2 * np.pi / max(frequency, 1e-12) / PART, SHORTEST, LONGEST))
-    longest = max(longest, whole / MOST)
+    longest = max(longest / fineness, whole / MOST)
     layout, slopes = problem.layout, start_slopes(problem, values)
     own = _own(problem, names)
     runs = []
     for k, (run, first, n) in enumerate(zip(problem.experiments, layout.first, layout.run_lengths, strict=True)):
         part = slice(first * layout.length, first * layout.length + n)
         runs.append(_run(run.name, data[:2, part], _cut(local, part), slopes[k][:, own], longest))
-    return LinearRuns(names, layout.n_state, len(own), tuple(runs), problem, values)
+    n = int(np.count_nonzero(data[-len(problem.outputs) :]))
+    return LinearRuns(names, layout.n_state, len(own), tuple(runs), problem, values, n)
 
 
 def _own(problem: Problem, names: tuple[str, ...]) -> list[int]:
@@ -195,16 +214,21 @@ def _block(local: Local, part: slice, width: float, is_last: bool) -> Block:
     n_x, n_theta, n_d = local.transition.shape[1], local.theta.shape[2], local.unknown.shape[2]
     size = n_x + n_theta + n_d
     whole, rest = np.eye(size), np.zeros(size)
-    gram, pull, constant = np.zeros((size, size)), np.zeros(size), 0.0
+    slopes, errors = [], []
     for k in range(part.start, part.stop):
         seen = np.hstack([local.seen[k], local.seen_theta[k], local.seen_unknown[k]])
-        slope, error = seen @ whole, local.residual[k] + seen @ rest
-        gram += slope.T @ slope
-        pull += slope.T @ error
-        constant += float(error @ error)
+        slopes.append(seen @ whole)
+        errors.append(local.residual[k] + seen @ rest)
         if k + 1 == part.stop and is_last:
             break
         moved = np.hstack([local.transition[k], local.theta[k], local.unknown[k]])
         rest = np.concatenate([moved @ rest - local.jump[k], rest[n_x:]])
         whole = np.vstack([moved @ whole, whole[n_x:]])
-    return Block(whole, rest, gram, pull, constant, width)
+    slope, error = np.vstack(slopes), np.concatenate(errors)
+    constant = 0.0
+    if len(slope) > size:  # as few rows as say the same
+        turn, short = np.linalg.qr(slope)
+        constant = float(error @ error)
+        slope, error = short, turn.T @ error
+        constant -= float(error @ error)
+    return Block(whole, rest, slope.T, error, constant, width)

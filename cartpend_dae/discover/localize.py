@@ -5,13 +5,14 @@ behind every sensor an error. All of them are fitted jointly by a Kalman smoothe
 parameters of the model free to move; a place counts by how much less likely the data are without it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cartpend_dae.discover.linear_runs import LinearRuns, linear_runs
 from cartpend_dae.discover.portrait import Portrait, portrait, unit_at
-from cartpend_dae.discover.smoother import Smoothed, imagined, likely, smooth
+from cartpend_dae.discover.smoother import TINY, Smoothed, imagined, likely, smooth
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place, fits, places
 from cartpend_dae.effects.catalogue import card_of
@@ -24,11 +25,17 @@ EARLY, FOLLOW = 5.0, 2.0
 MEMORY = 1.0
 # twice the log likelihood that a place must explain to count; nothing there gives at most 5 in 99 of 100
 LIMIT = 20.0
+# innovations this much larger than the noise make it larger, at most so many times
+MUCH, ROUNDS = 1.3, 3
+FINER = (3, 9)
 # columns of a transfer matrix are parallel below this ratio of its singular values
 PARALLEL = 1e-5
+SAME = 1e-9
 PLACEBOS, SEED = 4, 0
 # steps of the variances where they only have to be compared
 ROUGHLY = 5
+# sizes that are tried of each input, over one that lasts all the time
+LADDER = 100.0 ** np.arange(6)
 # share of its size at which an input begins beside the one that explains most alone
 FAINT = 1e-3
 
@@ -121,10 +128,17 @@ def _localized(
     unknown = unknown_inputs(bench, only_at)
     sd, guess = bench.problem(taken).prior_sd, fit.point if fit is not None else {}
     followed = bench.fit(taken, guess, (EARLY * bench.frequency, FOLLOW * bench.frequency), sd)
-    linear = linear_runs(bench, taken, unknown, followed.point, FOLLOW * bench.frequency, sd)
     bench.report("places", f"{len(unknown)} unknown inputs", float(np.sqrt(followed.chi2 / followed.n_residuals)))
-    variances, evidence, inputs = _weighed(linear)
-    placebo = _placebo(linear, variances)
+
+    def linearised(fineness: int) -> LinearRuns:
+        return linear_runs(bench, taken, unknown, followed.point, FOLLOW * bench.frequency, sd, fineness=fineness)
+
+    twins = _twins(linearised(1))
+    everywhere = [insertion.place.at for insertion in unknown]
+    unknown = tuple(unknown[group[0]] for group in twins)
+    weighed = _weighed(linearised)
+    linear, evidence, inputs = weighed.linear, weighed.evidence, weighed.inputs
+    placebo = _placebo(linear, weighed.variances)
     alike, seen = _structure(linear)
     names = [insertion.place.at for insertion in unknown]
     rms = [float(np.sqrt(np.mean(np.concatenate([part[:, i] for part in inputs]) ** 2))) for i in range(len(names))]
@@ -136,7 +150,7 @@ def _localized(
             float(evidence[i]),
             rms[i],
             float(placebo[i]),
-            tuple(names[j] for j in np.flatnonzero(alike[i]) if j != i),
+            tuple(everywhere[k] for j in sorted({i, *np.flatnonzero(alike[i])}) for k in twins[j] if k != twins[i][0]),
             bool(seen[i]),
         )
         for i, insertion in enumerate(unknown)
@@ -182,34 +196,74 @@ def at_place(bench: Workbench, at: str) -> Place:
     return unknown_inputs(bench, (at,))[0].place
 
 
-def _weighed(linear: LinearRuns) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-    """Return variances of all inputs together, twice the log likelihood that each adds, and their estimates by run."""
+@dataclass(frozen=True, slots=True)
+class _Weighed:
+    """Runs with the noise that is left, variances of all inputs together, what each adds, and estimates by run."""
+
+    linear: LinearRuns
+    variances: np.ndarray
+    evidence: np.ndarray
+    inputs: list[np.ndarray]
+
+
+def _weighed(linearised: Callable[[int], LinearRuns]) -> _Weighed:
+    """Find the sizes of all inputs and twice the log likelihood that each adds to the others.
+
+    Where inputs that are constant over a block leave more than noise the blocks become shorter, and what is left then
+    counts as noise of the sensors.
+    """
+    linear = linearised(1)
+    found = _together(linear)
+    for fineness in FINER:
+        if _excess(linear, found[2]) < MUCH:
+            break
+        linear = linearised(fineness)
+        found = _together(linear)
+    for _ in range(ROUNDS):
+        excess = _excess(linear, found[2])
+        if excess < MUCH:
+            break
+        linear = linear.with_noise(excess)
+        found = _together(linear)
+    return _with_evidence(linear, *found)
+
+
+def _excess(linear: LinearRuns, joint: Smoothed) -> float:
+    """Return the rms of innovations over their standard deviations."""
+    return float(np.sqrt(joint.squares[0] / max(linear.n, 1)))
+
+
+def _with_evidence(linear: LinearRuns, alone: np.ndarray, variances: np.ndarray, joint: Smoothed) -> _Weighed:
     n = len(linear.unknown)
-    n_blocks = sum(len(run.blocks) for run in linear.runs)
-    none = smooth(linear, np.zeros((1, n)), MEMORY)
-    begin = none.pulls * n_blocks / np.maximum(none.stiffness, 1e-300) ** 2
-    variances, joint = _together(linear, begin)
     without = smooth(linear, np.where(np.eye(n, dtype=bool), 0.0, variances), MEMORY)
     # what an input adds while the others stay as they are is more than what it adds while they may grow
     evidence = 2 * (joint.log_likelihood[0] - without.log_likelihood)
     strong = np.flatnonzero(evidence > LIMIT)
     if n > 1 and strong.size:
         allowed = ~np.eye(n, dtype=bool)[strong]
-        at_least = np.maximum(variances, FAINT * begin)
+        at_least = np.maximum(variances, FAINT * alone)
         _, rest = likely(linear, allowed, MEMORY, np.repeat(at_least, strong.size, axis=0), steps=ROUGHLY)
         evidence[strong] = 2 * (joint.log_likelihood[0] - rest.log_likelihood)
-    return variances, np.maximum(evidence, 0.0), [part[0] for part in joint.inputs]
+    return _Weighed(linear, variances, np.maximum(evidence, 0.0), [part[0] for part in joint.inputs])
 
 
-def _together(linear: LinearRuns, begin: np.ndarray) -> tuple[np.ndarray, Smoothed]:
-    """Return the most likely variances, from all inputs alike and from the best one alone."""
-    n = begin.shape[1]
-    alone, single = likely(linear, np.eye(n, dtype=bool), MEMORY, np.repeat(begin, n, axis=0), steps=ROUGHLY)
-    best = int(np.argmax(single.log_likelihood))
-    starts = np.vstack([begin, np.maximum(alone[best], FAINT * begin)])
-    found, both = likely(linear, np.ones((2, n), dtype=bool), MEMORY, starts)
+def _together(linear: LinearRuns) -> tuple[np.ndarray, np.ndarray, Smoothed]:
+    """Return variances (1, n) of each input alone, and of all together: begun from all alike, and from the best one."""
+    n = len(linear.unknown)
+    n_blocks = sum(len(run.blocks) for run in linear.runs)
+    none = smooth(linear, np.zeros((1, n)), MEMORY)
+    least = none.pulls * n_blocks / np.maximum(none.stiffness, TINY) ** 2
+    # how large an input must be depends on whether it lasts, so that all sizes are tried
+    rungs = (np.eye(n)[None] * least * LADDER[:, None, None]).reshape(-1, n)
+    tried = smooth(linear, rungs, MEMORY).log_likelihood.reshape(LADDER.size, n)
+    begin = least * LADDER[np.argmax(tried, axis=0)]
+    found, single = likely(linear, np.eye(n, dtype=bool), MEMORY, np.repeat(begin, n, axis=0), steps=ROUGHLY)
+    alone = np.diag(found)[None]
+    best = np.arange(n) == int(np.argmax(single.log_likelihood))
+    starts = np.vstack([alone, np.where(best, alone, FAINT * alone)])
+    variances, both = likely(linear, np.ones((2, n), dtype=bool), MEMORY, starts)
     first = int(np.argmax(both.log_likelihood))
-    return found[first : first + 1], both.only(first)
+    return alone, variances[first : first + 1], both.only(first)
 
 
 def _placebo(linear: LinearRuns, variances: np.ndarray) -> np.ndarray:
@@ -221,6 +275,21 @@ def _placebo(linear: LinearRuns, variances: np.ndarray) -> np.ndarray:
     )
     squares = np.concatenate([part**2 for part in found.inputs], axis=1).mean(axis=1)
     return np.sqrt(np.array([squares[i::n, i].mean() for i in range(n)]))
+
+
+def _twins(linear: LinearRuns) -> list[list[int]]:
+    """Group the inputs that act alike at every sample up to one factor, as a voltage and the force of its motor."""
+    parts = [np.concatenate([run.local.unknown, run.local.seen_unknown], axis=1) for run in linear.runs]
+    columns = np.concatenate([part.reshape(-1, part.shape[2]) for part in parts])
+    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), TINY)
+    groups: list[list[int]] = []
+    for i in range(columns.shape[1]):
+        home = next((g for g in groups if abs(columns[:, g[0]] @ columns[:, i]) > 1 - SAME), None)
+        if home is None:
+            groups.append([i])
+        else:
+            home.append(i)
+    return groups
 
 
 def _structure(linear: LinearRuns) -> tuple[np.ndarray, np.ndarray]:

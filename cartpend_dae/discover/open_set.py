@@ -6,7 +6,7 @@ import numpy as np
 
 from cartpend_dae.assess import Assessment
 from cartpend_dae.discover.closure import KINDS, SPARE, Closure, Reach, closure_at, train
-from cartpend_dae.discover.localize import FOLLOW, LIMIT, Localisation, at_place, localize
+from cartpend_dae.discover.localize import FOLLOW, LIMIT, Localisation, PlaceEvidence, at_place, localize
 from cartpend_dae.discover.portrait import Portrait
 from cartpend_dae.discover.records import Search
 from cartpend_dae.discover.workbench import Workbench
@@ -52,18 +52,22 @@ class OpenSet:
         head = f"What is left is not in the catalogue. It acts at `{strongest.at}`"
         like = f" (or {', '.join(f'`{name}`' for name in strongest.alike)})" if strongest.alike else ""
         if not self.closures:
-            return f"{head}{like}. {seen} No law of displacement and speed can stand there."
+            return f"{head}{like}. {seen} No closure could be trained there."
         best, share = self.closures[0], 100 * self.explained
         if not self.is_a_law:
             return (
-                f"{head}{like}. {seen} A law of displacement and speed at `{self.at}` explains {share:.0f} % of it: "
+                f"{head}{like}. {seen} A law of {_depends(strongest)} at `{self.at}` explains {share:.0f} % of it: "
                 f"it has a memory, depends on something else, or is a disturbance."
             )
         rest = "nothing but noise is left then" if not best.gate.is_passed else "structure is left then, too"
         return (
-            f"{head}{like}. {seen} Any law of displacement and speed at `{self.at}` explains at most about "
+            f"{head}{like}. {seen} Any law of {_depends(strongest)} at `{self.at}` explains at most about "
             f"{share:.0f} % of the squared error ({best.words}; {rest})."
         )
+
+
+def _depends(place: PlaceEvidence) -> str:
+    return "displacement and speed" if place.kind == "load" else "the signal"
 
 
 def open_set(bench: Workbench, search: Search) -> OpenSet:
@@ -83,9 +87,9 @@ def open_set(bench: Workbench, search: Search) -> OpenSet:
     """
     taken = tuple(step.candidate.insertion for step in search.steps)
     where = localize(bench, taken, search.final)
-    at = next((p.at for p in where.places if p.kind == "load" and p.evidence > LIMIT), None)
-    if at is None:
+    if where.places[0].evidence <= LIMIT:
         return OpenSet(where, None, (), 0.0)
+    at = where.places[0].at
     seen = next(one for one in where.portraits if one.at == at)
     is_free = all(run.score == "free" for run in bench.setup.train)
     last = 0.0 if is_free else search.bandwidth

@@ -25,6 +25,13 @@ WORDS = {
     "t": "time",
     "sin kx": "the position, periodically",
 }
+OF_SIGNALS = {
+    "v": "the rate of the signal",
+    "sign v": "the direction in which the signal moves",
+    "|v| v": "the square of the signal's rate",
+    "x": "the signal",
+    "sin kx": "the signal, periodically",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,22 +57,23 @@ class Portrait:
     x: np.ndarray
     v: np.ndarray
     value: np.ndarray
+    is_signal: bool = False
 
     @property
     def sentence(self) -> str:
         """The portrait in words."""
         best = sorted(self.shares.items(), key=lambda item: -item[1])[:2]
-        parts = [f"{100 * share:.0f} % of it {_follows(name)}" for name, share in best if share > 0.1]
+        parts = [f"{100 * share:.0f} % of it {self._follows(name)}" for name, share in best if share > 0.1]
         text = ", ".join(parts) or "it follows none of speed, position, drive and time"
         energy = ""
-        if abs(self.power) > 0.3:
+        if abs(self.power) > 0.3 and not self.is_signal:
             energy = " It takes energy from the motion." if self.power > 0 else " It gives energy to the motion."
         memory = " It differs between speeding up and slowing down (memory)." if self.loop > 0.15 else ""
         return f"The input at `{self.at}` has an rms of {self.rms:.3g} {self.unit}: {text}.{energy}{memory}"
 
-
-def _follows(name: str) -> str:
-    return f"follows {WORDS.get(name, f'`{name}`')}"
+    def _follows(self, name: str) -> str:
+        words = WORDS | (OF_SIGNALS if self.is_signal else {})
+        return f"follows {words.get(name, f'`{name}`')}"
 
 
 def portrait(linear: LinearRuns, insertion: Insertion, estimates: list[np.ndarray]) -> Portrait:
@@ -95,7 +103,21 @@ def portrait(linear: LinearRuns, insertion: Insertion, estimates: list[np.ndarra
     slope = np.polyfit(time, value, 1)[0] if np.ptp(time) > 0 else 0.0
     rms, unit = float(np.sqrt(np.mean(value**2))), unit_at(insertion)
     loop = _loop(value[moving], v[moving], speeding[moving])
-    return Portrait(insertion.place.at, unit, rms, shares, energy, loop, order, float(slope), time, x, v, value)
+    return Portrait(
+        insertion.place.at,
+        unit,
+        rms,
+        shares,
+        energy,
+        loop,
+        order,
+        float(slope),
+        time,
+        x,
+        v,
+        value,
+        insertion.place.kind is None,
+    )
 
 
 def unit_at(insertion: Insertion) -> str:

@@ -40,7 +40,7 @@ def search(
     regime
         Forced regime; None finds out.
     """
-    noise = _noise_rules(bench)
+    noise = _noise_rules(bench, places)
     base = _fit_base(bench, (), {}, noise)
     base = replace(base, bare=base.fit.chi2)
     gate = residuals(base.fit)
@@ -57,7 +57,7 @@ def search(
         if regime == "disturbances" or (regime is None and residuals(base.fit).is_passed):
             # no sum of effects leaves noise alone, so that something else moves the rig as well
             nearly, near = is_nearly_all(base), base
-            rules, start = _disturbed(bench, noise, start, places)
+            rules, start = _disturbed(bench, noise, start)
             if nearly:
                 base = _fit_base(bench, near.taken, _early(near, noise), rules)
             else:
@@ -93,13 +93,12 @@ class _Log:
     is_interrupted: bool = False
 
 
-def _disturbed(bench: Workbench, noise: Rules, base: Base, places: tuple[Place, ...]) -> tuple[Rules, Base]:
+def _disturbed(bench: Workbench, noise: Rules, base: Base) -> tuple[Rules, Base]:
     """Weigh against random forces, with the output injection that suits them."""
-    loads = loads_at(places)
     early = base.fits[noise.screening]
-    fit, weighed = fitted(bench, (), loads, early.point, noise.screening, noise.sd)
+    fit, weighed = fitted(bench, (), noise.loads, early.point, noise.screening, noise.sd)
     bandwidth = float(fit.bandwidth[0])
-    rules = Rules("disturbances", (bandwidth,), bandwidth, noise.sd, loads)
+    rules = Rules("disturbances", (bandwidth,), bandwidth, noise.sd, noise.loads)
     return rules, Base((), {bandwidth: fit}, base.bare, weighed)
 
 
@@ -108,7 +107,7 @@ def _grow(bench: Workbench, base: Base, rules: Rules, library: _Library, max_ste
     while len(log.steps) < max_steps:
         options = candidates(*library, base.taken)
         if rules.regime == "noise" and log.steps:
-            options = _supported(bench, base, rules, options, library[1])
+            options = _supported(bench, base, rules, options)
             if not options:
                 break
         ranked = try_all(bench, base, rules, options)
@@ -126,15 +125,13 @@ def _grow(bench: Workbench, base: Base, rules: Rules, library: _Library, max_ste
     return base
 
 
-def _supported(
-    bench: Workbench, base: Base, rules: Rules, options: list[Insertion], places: tuple[Place, ...]
-) -> list[Insertion]:
+def _supported(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]) -> list[Insertion]:
     """Return the effects that explain more of what is left than small random forces would, from each of their starts.
 
     What an effect leaves may be the error of its law, or disturbances; a second one must do better than both.
     """
     point, bandwidth = base.fits[rules.screening].point, rules.screening
-    weighed = weigh(bench, base.taken, loads_at(places), point, bandwidth, rules.sd)
+    weighed = weigh(bench, base.taken, rules.loads, point, bandwidth, rules.sd)
     screened = screen(bench, base.taken, point, options, bandwidth, rules.sd, weighed=weighed)
     cost = penalty(len(options))
     good = {
@@ -156,10 +153,10 @@ def _verdict(has_steps: bool, is_left: bool) -> Verdict:
     return "improved" if is_left else "explained"
 
 
-def _noise_rules(bench: Workbench) -> Rules:
+def _noise_rules(bench: Workbench, places: tuple[Place, ...]) -> Rules:
     frequency = bench.frequency
     stages = tuple(share * frequency for share in STAGES)
-    return Rules("noise", stages, stages[1], bench.problem(()).prior_sd)
+    return Rules("noise", stages, stages[1], bench.problem(()).prior_sd, loads_at(places))
 
 
 def _fit_base(bench: Workbench, taken: tuple[Insertion, ...], guess: Mapping[str, float], rules: Rules) -> Base:

@@ -23,6 +23,9 @@ LOOSE = 1.0
 STEPS = 10
 # relative change of the log likelihood [its units] at which the variances stand
 STILL = 0.3
+TINY = 1e-100
+# variance of what is expected over that of the noise beyond which rounding is larger than the noise
+DROWNED = 1e14
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,23 +33,33 @@ class Smoothed:
     """Log likelihood (n_b,) up to a constant, and the inputs by run, (n_b, n_blocks, n_d).
 
     `pulls` and `stiffness` (n_b, n_d) are twice the positive and negative part of the likelihood's slope in the
-    inputs' variances.
+    inputs' variances, `squares` (n_b,) the sum of squared innovations over their variances.
     """
 
     log_likelihood: np.ndarray
     inputs: tuple[np.ndarray, ...]
     pulls: np.ndarray
     stiffness: np.ndarray
+    squares: np.ndarray
 
     def only(self, row: int) -> "Smoothed":
         """Return what belongs to one choice of variances."""
         one = slice(row, row + 1)
         inputs = tuple(part[one] for part in self.inputs)
-        return Smoothed(self.log_likelihood[one], inputs, self.pulls[one], self.stiffness[one])
+        return Smoothed(self.log_likelihood[one], inputs, self.pulls[one], self.stiffness[one], self.squares[one])
+
+    def but(self, rows: np.ndarray, other: "Smoothed") -> "Smoothed":
+        """Return the same, for some choices of variances that of another."""
+        inputs = tuple(np.where(rows[:, None, None], b, a) for a, b in zip(self.inputs, other.inputs, strict=True))
+        likelihood = np.where(rows, other.log_likelihood, self.log_likelihood)
+        pulls, stiffness = (
+            np.where(rows[:, None], getattr(other, n), getattr(self, n)) for n in ("pulls", "stiffness")
+        )
+        return Smoothed(likelihood, inputs, pulls, stiffness, np.where(rows, other.squares, self.squares))
 
 
 def smooth(
-    linear: LinearRuns, variances: np.ndarray, memory: float, data: tuple[np.ndarray, ...] | None = None
+    linear: LinearRuns, variances: np.ndarray, memory: float, data: tuple[list[np.ndarray], ...] | None = None
 ) -> Smoothed:
     """Filter and smooth all runs, one after the other, so that what they share is learned from all of them.
 
@@ -59,14 +72,15 @@ def smooth(
     memory
         Correlation time of the inputs [s].
     data
-        Pulls of the blocks of each run in their place, (n_b, n_blocks, n), of data made by `imagined`.
+        Offsets of the blocks of each run in the place of their own, (n_b, n), as made by `imagined`.
     """
     n_x, n_t, n_d = linear.n_x, linear.n_theta, len(linear.unknown)
     n_b, size = variances.shape[0], n_x + n_t + n_d
     mean, cov = np.zeros((n_b, size)), np.zeros((n_b, size, size))
     cov[:, n_x : n_x + n_t, n_x : n_x + n_t] = LOOSE**2 * np.eye(n_t)
     tape: list[_Node] = []
-    total = np.zeros(n_b)
+    lost = np.zeros(n_b, dtype=bool)
+    total, squares = np.zeros(n_b), np.zeros(n_b)
     for r, run in enumerate(linear.runs):
         begin = _beginning(run, n_x, n_t, n_d)
         step, rest, share = begin, np.zeros(size), 1.0
@@ -74,30 +88,40 @@ def smooth(
             mean = mean @ step.T + rest
             cov = step @ cov @ step.T
             cov[:, n_x + n_t :, n_x + n_t :] += share * _diagonal(variances)
-            pull = block.pull if data is None else data[r][:, k]
-            node, gain = _update(mean, cov, block.gram, pull, step, share, r)
+            lost |= ~(np.abs(block.root.T @ cov @ block.root).max(axis=(1, 2)) < DROWNED)
+            mean[lost], cov[lost] = 0.0, 0.0
+            offset = block.offset if data is None else data[r][k]
+            node, mean, cov, square, logdet = _update(mean, cov, block.root, offset, _Way(step, share, r))
             tape.append(node)
-            total += gain - block.constant / 2 * (data is None)
-            mean, cov = mean - np.einsum("bij,bj->bi", node.after, node.slope), node.after
+            squares += square + block.constant
+            total -= (square + block.constant + logdet) / 2
             fade = np.exp(-block.width / memory)
             step, share = block.step.copy(), 1 - fade**2
             rest = block.rest if data is None else np.zeros(size)
             step[n_x + n_t :] *= fade
-    return _backwards(linear, tape, total, variances)
+    total[lost] = -np.inf
+    return _backwards(linear, tape, total, squares)
+
+
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """How a block was reached: the step to it, the share of the inputs' variance that is new, and its run."""
+
+    step: np.ndarray
+    share: float
+    run: int
 
 
 @dataclass(frozen=True, slots=True)
 class _Node:
-    """What the way back needs of a block: predicted and updated moments, slope of its cost, how it was reached."""
+    """What the way back needs: predicted moments, d(updated)/d(predicted), slope and curvature of a block's cost."""
 
     mean: np.ndarray
     before: np.ndarray
-    after: np.ndarray
+    turn: np.ndarray
     slope: np.ndarray
-    gram: np.ndarray
-    step: np.ndarray
-    share: float
-    run: int
+    curve: np.ndarray
+    way: _Way
 
 
 def _beginning(run: LinearRun, n_x: int, n_t: int, n_d: int) -> np.ndarray:
@@ -113,41 +137,43 @@ def _diagonal(variances: np.ndarray) -> np.ndarray:
 
 
 def _update(
-    mean: np.ndarray, cov: np.ndarray, gram: np.ndarray, pull: np.ndarray, step: np.ndarray, share: float, run: int
-) -> tuple[_Node, np.ndarray]:
-    """Weigh what a block says; return the node and the log likelihood of the block, without its constant."""
-    size = gram.shape[0]
-    system = np.eye(size) + gram @ cov
-    after = np.linalg.solve(system, np.broadcast_to(np.eye(size), cov.shape).copy())
-    after = cov @ after
-    after = (after + after.transpose(0, 2, 1)) / 2
-    slope = pull + mean @ gram
-    _, logdet = np.linalg.slogdet(system)
-    bent = np.einsum("bij,bj->bi", after, slope)
-    cost = np.sum((pull + slope) * mean, axis=1) - np.sum(slope * bent, axis=1) + logdet
-    return _Node(mean, cov, after, slope, gram, step, share, run), -cost / 2
+    mean: np.ndarray, cov: np.ndarray, root: np.ndarray, offset: np.ndarray, way: _Way
+) -> tuple[_Node, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Weigh what a block says; return the node, the updated moments, squared innovations and their log variance."""
+    crossed = cov @ root
+    spread = np.eye(root.shape[1]) + root.T @ crossed
+    error = offset + mean @ root
+    values, vectors = np.linalg.eigh(spread)
+    values = np.maximum(values, 1.0)  # that of the noise
+    inverse = (vectors / values[:, None, :]) @ vectors.transpose(0, 2, 1)
+    gain = crossed @ inverse
+    weighed = np.einsum("bij,bj->bi", inverse, error)
+    turn = np.eye(root.shape[0]) - gain @ root.T
+    # the form that stays positive whatever the rounding (Joseph)
+    after = turn @ cov @ turn.transpose(0, 2, 1) + gain @ gain.transpose(0, 2, 1)
+    node = _Node(mean, cov, turn, weighed @ root.T, root @ inverse @ root.T, way)
+    logdet = np.sum(np.log(values), axis=1)
+    return node, mean - np.einsum("bij,bj->bi", gain, error), after, np.sum(error * weighed, axis=1), logdet
 
 
-def _backwards(linear: LinearRuns, tape: list[_Node], total: np.ndarray, variances: np.ndarray) -> Smoothed:
+def _backwards(linear: LinearRuns, tape: list[_Node], total: np.ndarray, squares: np.ndarray) -> Smoothed:
     n_d, (n_b, size) = len(linear.unknown), tape[0].mean.shape
-    eye = np.eye(size)
     push, curve = np.zeros((n_b, size)), np.zeros((n_b, size, size))
     pulls, stiffness = np.zeros((n_b, n_d)), np.zeros((n_b, n_d))
     inputs: list[list[np.ndarray]] = [[] for _ in linear.runs]
     for node in reversed(tape):
-        turn = eye - node.after @ node.gram  # d(updated mean)/d(predicted mean)
-        turned = turn.transpose(0, 2, 1)
-        push = np.einsum("bij,bj->bi", turned, push - node.slope)
-        curve = turned @ (node.gram + curve @ turn)
+        turned, way = node.turn.transpose(0, 2, 1), node.way
+        push = np.einsum("bij,bj->bi", turned, push) - node.slope
+        curve = node.curve + turned @ curve @ node.turn
         curve = (curve + curve.transpose(0, 2, 1)) / 2
         smoothed = node.mean + np.einsum("bij,bj->bi", node.before, push)
-        inputs[node.run].append(smoothed[:, size - n_d :])
-        pulls += node.share * push[:, size - n_d :] ** 2
-        stiffness += node.share * np.diagonal(curve, axis1=1, axis2=2)[:, size - n_d :]
-        push = push @ node.step
-        curve = node.step.T @ curve @ node.step
+        inputs[way.run].append(smoothed[:, size - n_d :])
+        pulls += way.share * push[:, size - n_d :] ** 2
+        stiffness += way.share * np.diagonal(curve, axis1=1, axis2=2)[:, size - n_d :]
+        push = push @ way.step
+        curve = way.step.T @ curve @ way.step
     series = tuple(np.array(part[::-1]).transpose(1, 0, 2) for part in inputs)
-    return Smoothed(total, series, pulls, stiffness)
+    return Smoothed(total, series, pulls, stiffness, squares)
 
 
 def likely(
@@ -171,7 +197,7 @@ def likely(
     variances = np.where(allowed, begin, 0.0)
     found = smooth(linear, variances, memory)
     for _ in range(steps):
-        ratio = np.clip(found.pulls / np.maximum(found.stiffness, 1e-300), 1e-4, 1e4)
+        ratio = np.clip(found.pulls / np.maximum(found.stiffness, TINY), 1e-4, 1e4)
         last = found.log_likelihood
         trial = variances * ratio
         after = smooth(linear, trial, memory)
@@ -179,34 +205,29 @@ def likely(
         if worse.any():  # the square root of the ratio never makes it worse
             trial = np.where(worse[:, None], variances * np.sqrt(ratio), trial)
             after = smooth(linear, trial, memory)
-        variances, found = trial, after
-        if np.all(np.abs(found.log_likelihood - last) < STILL):
+            worse = ~(after.log_likelihood >= last - STILL)
+        variances, found = np.where(worse[:, None], variances, trial), after.but(worse, found)
+        if np.all((found.log_likelihood <= last + STILL) | np.isinf(last)):
             break
     return variances, found
 
 
 def imagined(
     linear: LinearRuns, variances: np.ndarray, memory: float, generator: np.random.Generator
-) -> tuple[np.ndarray, ...]:
-    """Return the pulls of data that follow the linear model with inputs of given variances (n_b, n_d), for `smooth`."""
+) -> tuple[list[np.ndarray], ...]:
+    """Return the offsets of data that follow the linear model with inputs of given variances (n_b, n_d)."""
     n_x, n_t, n_d = linear.n_x, linear.n_theta, len(linear.unknown)
     n_b, found = len(variances), []
     for run in linear.runs:
         state = np.zeros((n_b, n_x + n_t + n_d))
         state[:, n_x + n_t :] = np.sqrt(variances) * generator.standard_normal(variances.shape)
-        pulls = []
+        offsets = []
         for block in run.blocks:
-            noise = generator.standard_normal((n_b, len(block.gram))) @ _root(block.gram).T
-            pulls.append(state @ block.gram + noise)
+            # a residual is what was measured less what is predicted: the state makes it with the other sign
+            offsets.append(generator.standard_normal((n_b, block.root.shape[1])) - state @ block.root)
             fade = np.exp(-block.width / memory)
             state = state @ block.step.T
             fresh = np.sqrt(1 - fade**2) * np.sqrt(variances) * generator.standard_normal(variances.shape)
             state[:, n_x + n_t :] = fade * state[:, n_x + n_t :] + fresh
-        found.append(np.array(pulls).transpose(1, 0, 2))
+        found.append(offsets)
     return tuple(found)
-
-
-def _root(gram: np.ndarray) -> np.ndarray:
-    """Return R with R R' = gram."""
-    values, vectors = np.linalg.eigh(gram)
-    return vectors * np.sqrt(np.clip(values, 0.0, None))

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cartpend_dae.discover.disturbed import judge, ordered, penalty
+from cartpend_dae.discover.disturbed import ALIKE as ALIKE_WEIGHED
+from cartpend_dae.discover.disturbed import fitted, judge, ordered, penalty
 from cartpend_dae.discover.evidence import bic, coloured_bic, determined
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.records import Candidate, Gate, Regime, Step
@@ -34,6 +35,8 @@ PARALLEL = 0.95
 # noise alone: drop of BIC (largest on 90 data sets with nothing missing: 8.6)
 MIN_BIC_GAIN = 20.0
 NEAR, FAR_BEHIND = 3.0, 100.0
+# what a law that is linear in the motion depends on
+LINEAR = {"1", "x", "v", "a"}
 # von Neumann's z of what is noise beyond doubt: below the largest of 90 data sets with nothing missing
 CLEAN = 2.5
 # laws are right to some percent, and so much of what they explain may be left by their shape: where none leaves noise
@@ -94,8 +97,8 @@ def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
     few = ranked[:NARROW] + [c for c in ranked[NARROW:] if _is_simple(c)][:NARROW]
     rest += [replace(c, fit=None, why_not="others explain more at the first stage") for c in ranked if c not in few]
     judged = _judged(bench, base, rules, few)
-    fitted = [c for c in judged if c.fit is not None]
-    return _ordered(fitted, base) + [c for c in judged if c.fit is None] + rest
+    complete = [c for c in judged if c.fit is not None]
+    return _ordered(bench, complete, base, rules) + [c for c in judged if c.fit is None] + rest
 
 
 def _screened_where_it_shows(
@@ -191,17 +194,18 @@ def _tried(bench: Workbench, base: Base, rules: Rules, stage: float, candidate: 
     return replace(candidate, fit=fit, early=fit.chi2)
 
 
-def _ordered(fitted: list[Candidate], base: Base) -> list[Candidate]:
+def _ordered(bench: Workbench, judged: list[Candidate], base: Base, rules: Rules) -> list[Candidate]:
     """Put the one to take first: of those that explain the data alike, the one with the fewest parameters."""
-    fitted = sorted(fitted, key=lambda c: (bool(c.why_not), -c.gain))
-    good = [c for c in fitted if not c.why_not]
+    judged = sorted(judged, key=lambda c: (bool(c.why_not), -c.gain))
+    good = [c for c in judged if not c.why_not]
     if not good:
-        return fitted
+        return judged
     best = good[0]
     assert best.fit is not None
     alike = [c for c in good if best.gain - c.gain < _margin(c, best) or _is_shapeless(c, good, base)]
-    first = min(alike, key=lambda c: (determined(c.fit), -c.gain))
-    others = [replace(c, why_not=c.why_not or _second(c, first)) for c in fitted if c is not first]
+    fewest = min(determined(c.fit) for c in alike)
+    first = _likeliest(bench, [c for c in alike if determined(c.fit) == fewest], base, rules)
+    others = [replace(c, why_not=c.why_not or _second(c, first)) for c in judged if c is not first]
     return [first, *others]
 
 
@@ -213,6 +217,26 @@ def _margin(candidate: Candidate, best: Candidate) -> float:
     assert candidate.fit is not None and best.fit is not None
     share = ALIKE_SHARE if residuals(candidate.fit).is_passed else ALIKE_WHITE
     return max(ALIKE, share * best.fit.chi2)
+
+
+def _likeliest(bench: Workbench, tied: list[Candidate], base: Base, rules: Rules) -> Candidate:
+    """Return the best of those as simple as each other; against random forces, where none leaves noise alone.
+
+    There a law that is linear in the motion is simpler than one that is not.
+    """
+    leaves_noise = any(c.fit is not None and not residuals(c.fit).is_passed for c in tied)
+    if len(tied) == 1 or leaves_noise:
+        return max(tied, key=lambda c: c.gain)
+
+    def criterion(candidate: Candidate) -> float:
+        assert candidate.fit is not None
+        together = (*base.taken, candidate.insertion)
+        return fitted(bench, together, rules.loads, candidate.fit.point, rules.screening, rules.sd)[1].criterion
+
+    values = [criterion(candidate) for candidate in tied]
+    near = [c for c, value in zip(tied, values, strict=True) if value < min(values) + ALIKE_WEIGHED]
+    linear = [c for c in near if set(c.insertion.card.regressors) <= LINEAR]
+    return linear[0] if linear else tied[int(np.argmin(values))]
 
 
 def _is_shapeless(candidate: Candidate, good: list[Candidate], base: Base) -> bool:

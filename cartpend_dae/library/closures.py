@@ -11,7 +11,7 @@ from math import asinh, exp, pi, sqrt
 import casadi as ca
 
 from cartpend_dae.language import Component, Param, Statements, param
-from cartpend_dae.library import rotational, translational
+from cartpend_dae.library import rotational, signals, translational
 
 # steepness of the stretched speed at rest: dry friction changes within a few percent of the largest speed
 STEEP = 60.0
@@ -222,3 +222,48 @@ class SlidingNetwork(translational.CompliantWithSpeed):
         yield from super().equations()
         x, v = (self.s_rel - self.s_m) / self.s_0, stretched(self.v_rel / self.v_0)
         yield self.f == self.f_0 * sum((neuron.value(x, v) for neuron in self.neurons), ca.SX(0))
+
+
+class SignalSpline(signals.Block):
+    """Error of a signal by splines, y = u + y_0 (S_x(x) + S_v(v)), x = (u - u_m)/u_0, v = u/u_0 stretched around 0."""
+
+    y_0: Param = param(unit="1", doc="size of the error")
+    u_m: Param = param(unit="1", default=0.0, doc="middle of the range of the signal")
+    u_0: Param = param(unit="1", min=0, doc="half the range of the signal")
+
+    def __post_init__(self) -> None:
+        self.of_x, self.of_v = bumps(), bumps()
+
+    def equations(self) -> Statements:
+        x, v = (self.u - self.u_m) / self.u_0, stretched(self.u / self.u_0)
+        yield self.y == self.u + self.y_0 * (spline(self.of_x, x) + spline(self.of_v, v))
+
+
+class SignalProcess(signals.Block):
+    """Error of a signal by a Gaussian process, y = u + y_0 g(x, v), x = (u - u_m)/u_0, v = u/u_0 stretched around 0."""
+
+    y_0: Param = param(unit="1", doc="size of the error")
+    u_m: Param = param(unit="1", default=0.0, doc="middle of the range of the signal")
+    u_0: Param = param(unit="1", min=0, doc="half the range of the signal")
+
+    def __post_init__(self) -> None:
+        self.waves = waves()
+
+    def equations(self) -> Statements:
+        x, v = (self.u - self.u_m) / self.u_0, stretched(self.u / self.u_0)
+        yield self.y == self.u + self.y_0 * sum((wave.value(x, v) for wave in self.waves), ca.SX(0))
+
+
+class SignalNetwork(signals.Block):
+    """Error of a signal by a neural network, y = u + y_0 n(x, v), x = (u - u_m)/u_0, v = u/u_0 stretched around 0."""
+
+    y_0: Param = param(unit="1", doc="size of the error")
+    u_m: Param = param(unit="1", default=0.0, doc="middle of the range of the signal")
+    u_0: Param = param(unit="1", min=0, doc="half the range of the signal")
+
+    def __post_init__(self) -> None:
+        self.neurons = neurons()
+
+    def equations(self) -> Statements:
+        x, v = (self.u - self.u_m) / self.u_0, stretched(self.u / self.u_0)
+        yield self.y == self.u + self.y_0 * sum((neuron.value(x, v) for neuron in self.neurons), ca.SX(0))
