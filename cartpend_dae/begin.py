@@ -82,7 +82,8 @@ def started(system: System, p: np.ndarray, u: np.ndarray, initialize: Callable[.
     memory = initial_memory(made, system, time, u, p)
     s, parts = made.system, made.memory
     names = [s.time, s.x, s.z, s.u, s.p, s.frictions.force]
-    decide = ca.Function("decide", names, [h.differences < 0, s.frictions.speed, h.conditions])
+    laws = [h.differences < 0, s.frictions.speed, h.conditions]
+    decide = once(system, "decide", span, lambda: ca.Function("decide", names, laws))
     n_f, n_d, n_r = parts.modes.numel(), parts.discretes.numel(), parts.relations.numel()
     where = slice(n_f + n_d, n_f + n_d + n_r)
     for _ in range(20):

@@ -19,6 +19,7 @@ from cartpend_dae.errors import StudyError
 from cartpend_dae.fmi import export_fmu as write_fmu
 from cartpend_dae.linearize import linearize as linearize_model
 from cartpend_dae.planning import design_study
+from cartpend_dae.project_commands import diff, list_components, list_effects, new
 from cartpend_dae.report import tables
 from cartpend_dae.report.data_tables import data_json, data_sentences, data_tables
 from cartpend_dae.report.files import (
@@ -90,6 +91,12 @@ Target = Annotated[str, typer.Argument(help="A study (FILE.toml) or a model (FIL
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (TOML).")]
 Jobs = Annotated[int, typer.Option(min=1, metavar="N", help="Number of processes; results do not depend on it.")]
 Out = Annotated[Path | None, typer.Option(help="Folder for the results; default: STUDY-results.")]
+
+
+app.command()(new)
+app.command("components")(list_components)
+app.command("effects")(list_effects)
+app.command()(diff)
 
 
 def main() -> None:

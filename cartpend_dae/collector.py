@@ -46,7 +46,7 @@ class Clock:
 
 @dataclass(slots=True)
 class Collector:
-    """Derivatives, dry frictions, relations and clocks in the order of their first use.
+    """Derivatives, dry frictions, relations, clocks and comparisons by ``==`` and ``!=``, in order of first use.
 
     `derivatives` maps the element hash of a symbol to (symbol, its derivative).
     """
@@ -56,6 +56,7 @@ class Collector:
     frictions: list[DryFriction] = field(default_factory=list)
     relations: list[Relation] = field(default_factory=list)
     clocks: list[Clock] = field(default_factory=list)
+    equalities: list[ca.SX] = field(default_factory=list)
 
 
 _collector: ContextVar[Collector] = ContextVar("collector")

@@ -1,5 +1,6 @@
 """A system with relations -> the same system without events, for what steps over them."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import casadi as ca
@@ -34,15 +35,16 @@ def without_events(system: System, what: str) -> System:
     return _relations_in_place(system)
 
 
-def before_events(system: System) -> System:
+def before_events(system: System, held: Mapping[str, float] | None = None) -> System:
     """Return a system as it is before its first event: no clock ticks, and discrete variables have their start values.
 
-    Its relations are evaluated where they stand.
+    Its relations are evaluated where they stand. `held` are other values of discrete variables, by name, SI units.
     """
     h = system.hybrid
     if h.is_empty:
         return system
-    values = [system.variables[i].declaration.start or 0.0 for i in h.discretes]
+    declared = [(system.variables[i].name, system.variables[i].declaration.start or 0.0) for i in h.discretes]
+    values = [(held or {}).get(name, start) for name, start in declared]
     return _relations_in_place(system, ca.vertcat(system.d, h.pulses), ca.SX([*values, *[0.0] * h.pulses.numel()]))
 
 

@@ -297,7 +297,8 @@ def _modes(s: System, memory: Memory, force: ca.SX, speed: ca.SX, is_first: ca.S
     column, loads = ca.vertcat(*modes), ca.vertcat(*over)
     # what has just come to rest takes its share first: two on one motion slide only once both are at their limits
     comes_to_rest = ca.sum1(ca.logic_and(memory.modes != 0, column == 0)) > 0
-    released = ca.logic_and(ca.logic_and(loads >= ca.mmax(loads), loads > -MARGIN), ca.logic_not(comes_to_rest))
+    # a limit is passed by the margin where its event lies; what has come to rest right at its limit stays
+    released = ca.logic_and(ca.logic_and(loads >= ca.mmax(loads), loads > MARGIN / 2), ca.logic_not(comes_to_rest))
     return x, ca.if_else(released, ca.if_else(force > 0, 1, -1), column)
 
 

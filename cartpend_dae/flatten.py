@@ -171,10 +171,12 @@ def _collect(tables: Gathered, collector: Collector, number: int) -> list[ca.SX]
     """Return the residuals of a component's equations; note its connections, starts, frictions and mistakes."""
     place = tables.places[number]
     n_frictions, n_relations = len(collector.frictions), len(collector.relations)
+    n_equalities = len(collector.equalities)
     stated = stated_by(place.component, place.name)
     tables.initials += stated.initials
     tables.whens += [(place.name, statement) for statement in stated.whens]
     tables.relation_places += [place.name] * (len(collector.relations) - n_relations)
+    tables.equality_places += [place.name] * (len(collector.equalities) - n_equalities)
     tables.findings += stated.findings
     tables.causes += stated.causes
     tables.connections += [(number, place.component, connection) for connection in stated.connections]

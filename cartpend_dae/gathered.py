@@ -116,6 +116,7 @@ class Gathered:
     initials: list[tuple[str, Initial]] = field(default_factory=list)
     whens: list[tuple[str, When | Assign]] = field(default_factory=list)
     relation_places: list[str] = field(default_factory=list)
+    equality_places: list[str] = field(default_factory=list)
     connections: list[tuple[int, Component | None, Connection]] = field(default_factory=list)
     sets: DisjointSets = field(default_factory=DisjointSets)
     signal_sets: DisjointSets = field(default_factory=DisjointSets)

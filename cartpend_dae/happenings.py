@@ -34,6 +34,7 @@ def hybrid_of(tables: Gathered, collector: Collector) -> Hybrid:
             _check_target(tables, place, kind, target, action.variable)
             actions.append(Action(number, kind, target, place))
             values.append(action.value)
+    _check_equalities(tables, collector)
     discretes = tuple(i for i, variable in enumerate(tables.variables) if variable.kind == "discrete")
     modes = tuple(_mode_of(tables, friction.mode) for friction in (collector.frictions[i] for _, i in tables.frictions))
     _check_assigned(tables, discretes, {a.target for a in actions if a.kind == "assign"} | set(modes))
@@ -60,8 +61,18 @@ def _mode_of(tables: Gathered, mode: ca.SX | None) -> int:
     return -1 if mode is None else tables.variable_of[mode.element_hash()][0]
 
 
-def _check_condition(tables: Gathered, collector: Collector, place: str, condition: ca.SX) -> None:
-    """Refuse a condition on what changes between events but by a comparison whose change can be located."""
+def _check_equalities(tables: Gathered, collector: Collector) -> None:
+    """Refuse to ask whether what changes between events equals a value: it does at single instants, if at all."""
+    for place, condition in zip(tables.equality_places, collector.equalities, strict=True):
+        if moving := _moving(tables, collector, condition):
+            tables.findings.append(
+                f"The condition `{condition}` in `{place}` asks whether {', '.join(moving)} equals a value: it does "
+                f"so at single instants that no step meets; compare by `<`, `<=`, `>` or `>=`."
+            )
+
+
+def _moving(tables: Gathered, collector: Collector, condition: ca.SX) -> list[str]:
+    """Return what a condition depends on that changes between events."""
     moving = []
     for symbol in ca.symvar(condition):
         known = tables.variable_of.get(symbol.element_hash())
@@ -69,9 +80,15 @@ def _check_condition(tables: Gathered, collector: Collector, place: str, conditi
         # a signal may carry a clock; whether it does is seen once the equations are solved
         if is_time or (known is not None and tables.variables[known[0]].kind in ("variable", "potential", "flow")):
             moving.append(f"`{symbol.name()}`")
+    return sorted(moving)
+
+
+def _check_condition(tables: Gathered, collector: Collector, place: str, condition: ca.SX) -> None:
+    """Refuse a condition on what changes between events but by a comparison whose change can be located."""
+    moving = _moving(tables, collector, condition)
     if moving:
         tables.findings.append(
-            f"The condition `{condition}` of `when` in `{place}` depends on {', '.join(sorted(moving))} outside of a "
+            f"The condition `{condition}` of `when` in `{place}` depends on {', '.join(moving)} outside of a "
             f"comparison, so that no event tells when it becomes true: compare by `<`, `<=`, `>` or `>=`."
         )
 

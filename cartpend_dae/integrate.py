@@ -115,12 +115,12 @@ def _natively(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choi
     """Integrate by the engine in C; None where it cannot, and CasADi's integrators have to, or to say why not."""
     span = float(grid[-1] - grid[0])
     for share in SHARES:
-        run = native_run(begin, driven, grid, choice, span * share)
-        if run is None or begin.machine is None:
-            return run
-        _check_end(begin, run)
-        if not _missed(begin, begin.machine, driven, run, grid):
-            return run
+        found = native_run(begin, driven, grid, choice, span * share)
+        if found is None or begin.machine is None:
+            return None if found is None else found.run
+        _check_end(begin, found.run)
+        if not np.any(found.lowest < -UNSEEN * found.largest):
+            return found.run
     return None
 
 

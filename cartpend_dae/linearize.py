@@ -16,11 +16,12 @@ import numpy as np
 from scipy.linalg import qr
 
 from cartpend_dae.assemble import assemble
+from cartpend_dae.continuous import before_events
 from cartpend_dae.dae import dae
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.language import Component
 from cartpend_dae.linear_model import FloatArray, LinearModel
-from cartpend_dae.operating_point import Place, Point, operating_point
+from cartpend_dae.operating_point import Place, Point, operating_point, without_discretes
 from cartpend_dae.quantities import is_number
 from cartpend_dae.start_conditions import Steady
 from cartpend_dae.system import System
@@ -48,7 +49,8 @@ def linearize(
 
     Algebraic variables are eliminated. Where constraints tie states to each other, or `friction="stuck"` holds
     speeds at zero, the model keeps as many states as there is freedom, those that the others follow from best. Where
-    the model has branches, the slopes are those of the branch in which the point lies.
+    the model has branches, the slopes are those of the branch in which the point lies. Discrete variables hold what
+    they have there, and clocks do not tick: of a sampled controller nothing is left but the value it holds.
 
     Parameters
     ----------
@@ -82,7 +84,9 @@ def linearize(
     SolverError
         If there is no such operating point, or no finite slopes at it.
     """
-    system = assemble(model)
+    whole = assemble(model)
+    at, held = without_discretes(whole, at)
+    system = before_events(whole, held)
     if friction not in get_args(DryFriction):
         raise ModelError(f"`friction` is `sliding`, `stuck` or `ignored`, not {friction!r}.")
     columns, given = _columns(system, inputs)

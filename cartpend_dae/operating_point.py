@@ -37,6 +37,22 @@ class Point:
         return self.time, self.x, self.z, self.u, self.p, self.force
 
 
+def without_discretes(system: System, at: Place | None) -> tuple[Place | None, dict[str, float]]:
+    """Return the place without the discrete variables of a model, and their values there."""
+    names = [system.variables[i].name for i in system.hybrid.discretes]
+    if isinstance(at, tuple):
+        trajectory, time = _moment(at)
+        last = max(int(np.searchsorted(trajectory.time, time, side="right")) - 1, 0)
+        return at, {name: float(trajectory[name][last]) for name in names if name in trajectory}
+    if isinstance(at, Mapping):
+        held = {name: value for name, value in at.items() if name in names}
+        for name, value in held.items():
+            if not is_number(value):
+                raise ModelError(f"The value of `{name}` at the operating point must be a number, not {value!r}.")
+        return {name: value for name, value in at.items() if name not in held}, held
+    return at, {}
+
+
 def operating_point(
     system: System,
     at: Place | None,

@@ -49,7 +49,8 @@ def plugins(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choice
         if begin.z.size:
             return ("rosenbrock",)
         n_steps = _fastest_rate(begin, driven, grid) * float(grid[-1] - grid[0]) / STABLE
-        return ("erk", "rosenbrock") if n_steps < MOST_STEPS else ("rosenbrock", "erk")
+        most = FEW_STEPS if choice.is_compiled else MOST_STEPS
+        return ("erk", "rosenbrock") if n_steps < most else ("rosenbrock", "erk")
     if method != "adaptive":
         return (method,)
     if choice.is_compiled or choice.is_differentiated:  # cvodes and idas cannot be

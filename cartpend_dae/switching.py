@@ -175,6 +175,8 @@ def _with_relations(condition: object) -> ca.SX:
     if operation in (ca.OP_AND, ca.OP_OR):
         join = ca.logic_and if operation == ca.OP_AND else ca.logic_or
         return join(_with_relations(condition.dep(0)), _with_relations(condition.dep(1)))
+    if operation in (ca.OP_EQ, ca.OP_NE):
+        collector_of("a condition with events").equalities.append(condition)
     return condition
 
 

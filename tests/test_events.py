@@ -441,3 +441,31 @@ def test_the_names_that_a_model_author_needs_are_public():
     assert set(names.split()) <= set(cartpend_dae.__all__)
     assert all(hasattr(cartpend_dae, name) for name in cartpend_dae.__all__)
     assert cartpend_dae.__all__ == sorted(cartpend_dae.__all__)
+
+
+def test_a_comparison_by_equality_of_what_moves_is_refused():
+    class Equal(Component):
+        x = var(unit="s")
+        y = signal("out", unit="1")
+
+        def equations(self):
+            yield der(self.x) == 1
+            yield self.y == if_else(self.x == 1.0, 1, 0)
+
+    with pytest.raises(ModelError, match=r"The condition `\(Equal.x==1\)` in `Equal` asks whether `Equal.x` equals"):
+        simulate(Equal(), 2.0)
+
+
+def test_a_discrete_variable_may_be_asked_for_its_value():
+    class Gear(Component):
+        x = var(unit="s")
+        n = discrete(unit="1")
+        y = signal("out", unit="1")
+
+        def equations(self):
+            yield der(self.x) == 1
+            yield initial(self.x == 0)
+            yield when(self.x > 0.5, assign(self.n, 2))
+            yield self.y == if_else(self.n == 2, 7, 3)
+
+    np.testing.assert_array_equal(simulate(Gear(), 1.0, points=5)["y"][[0, 1, 3, 4]], [3, 3, 7, 7])

@@ -20,6 +20,7 @@ LAYERS = """
     language
     splice
     library
+    shelf
     hybrid
     system
     prepared
@@ -86,6 +87,8 @@ LAYERS = """
     plots animate
     report
     console
+    project
+    project_commands
     cli
     __main__
 """

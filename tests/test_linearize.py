@@ -12,13 +12,18 @@ from cartpend_dae import (
     Param,
     SolverError,
     Statements,
+    assign,
     der,
+    discrete,
     dry_friction,
+    initial,
     linearize,
     param,
+    sample,
     signal,
     simulate,
     var,
+    when,
 )
 from cartpend_dae.library import electrical as e
 from cartpend_dae.library import rotational as r
@@ -392,3 +397,25 @@ def test_sampling_and_frequencies_are_checked():
     with pytest.raises(ModelError, match="has a pole without damping at one of the frequencies"):
         linear.frequency_response(0.0)
     assert isinstance(linear, LinearModel)
+
+
+def test_discrete_variables_hold_what_they_have_at_the_point():
+    class Held(Component):
+        k: Param = param(unit="1/s", default=2.0)
+        x = var(unit="m")
+        h = discrete(unit="m", start=3.0)
+
+        def equations(self):
+            yield der(self.x) == -self.k * self.h * self.x / self.x_0
+            yield initial(self.x == self.x_0)
+            yield when(sample(0.1), assign(self.h, self.x))
+
+        x_0: Param = param(unit="m", default=1.0)
+
+    np.testing.assert_allclose(linearize(Held()).A, -6.0)
+    np.testing.assert_allclose(linearize(Held(), at={"h": 5.0}).A, -10.0)
+    run = simulate(Held(), 1.0, points=101)
+    found = linearize(Held(), at=(run, 0.55)).A
+    assert found == pytest.approx(-2.0 * float(run["h"][55]))
+    with pytest.raises(ModelError, match="The value of `h` at the operating point must be a number, not 'two'"):
+        linearize(Held(), at={"h": "two"})

@@ -1,6 +1,7 @@
 """A run by the engine in C, where it can."""
 
 import logging
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -17,7 +18,16 @@ logger = logging.getLogger(__name__)
 MOST_STATES = 60
 
 
-def native_run(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choice, longest: float) -> Run | None:
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """A run, and the least value and the largest magnitude of each indicator (n_g,) at its times."""
+
+    run: Run
+    lowest: np.ndarray
+    largest: np.ndarray
+
+
+def native_run(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choice, longest: float) -> Attempt | None:
     """Integrate over a grid; None for a method or a size that the engine lacks, without a compiler, or if it fails.
 
     Parameters
@@ -44,7 +54,7 @@ def native_run(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Cho
         except RuntimeError as error:
             logger.info("%s: the engine in C stops with %s: %s", begin.system.name, plugin, error)
             continue
-        return Run(run.x, run.z, None if begin.machine is None else run.memory)
+        return Attempt(Run(run.x, run.z, None if begin.machine is None else run.memory), run.lowest, run.largest)
     return None
 
 

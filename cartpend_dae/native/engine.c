@@ -47,7 +47,7 @@ static enum outcome take_step(engine *e, double target)
         else if (h > 0.5 * rest)
             h = 0.5 * rest; /* two equal steps instead of a long and a tiny one */
         try_step(e, h);
-        error = weighed_error(e);
+        error = weighed(e, e->error);
         double factor = isfinite(error) ? SAFETY * pow(fmax(error, 1e-10), -0.2) : SHRINK;
         factor = fmin(fmax(factor, SHRINK), is_rejected ? 1 : GROW);
         if (error <= 1) {
@@ -91,9 +91,10 @@ static enum outcome advance(engine *e, double until)
                 if (e->found[g] >= 0) now->armed[g] = 1;
         }
     }
+    e->until = is_event ? now->t : now->t - closeness(now->t); /* a tick is where rounding puts it */
     if (!is_event && !is_tick) return DONE;
     double before = now->step;
     enum outcome outcome = decide(e);
-    now->step = is_tick && now->first_step > 0 ? now->first_step : before;
+    now->step = now->first_step > 0 ? fmin(now->first_step, is_tick ? HUGE_VAL : before) : before;
     return outcome == DONE ? EVENT : outcome;
 }

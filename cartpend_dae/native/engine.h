@@ -48,9 +48,11 @@ typedef struct {
     point now;
     double t_0, h, is_stepped, is_cut;     /* its begin and length; whether it goes on; whether it reached its target */
     double m_0[ROOM(N_M)];                 /* the memory in it */
+    double until;                          /* what holds in it, holds at times before this */
     double y_0[ROOM(N_Y)], y_1[ROOM(N_Y)]; /* its begin and its end */
     double k[N_STAGES][ROOM(N_Y)];         /* its stages */
     double dense[4][ROOM(N_Y)];
+    double is_rough;                       /* whether the dense output needs correction, -1: not asked yet */
     double error[ROOM(N_Y)];
     double jacobian[ROOM(N_Y * N_Y)], in_time[ROOM(N_Y)]; /* at its begin */
     double matrix[ROOM(N_Y * N_Y)];

@@ -1,6 +1,6 @@
 /* Where an event is in a step, and what is decided there. */
 
-#define INNER 4 /* so many points of a step are looked at for an event */
+#define INNER 2 /* so many points of a step are looked at for an event */
 
 /* Return the least of the armed indicators at a point; 1 without any. */
 static double least(engine *e, double t, const double *y)
@@ -53,60 +53,71 @@ static void narrow(bracket *b, double where, double value, int *side)
     }
 }
 
-/* Shorten the last step to the first event in it, located as closely as time is told; return whether there is one.
- *
- * The dense output tells about where; steps to there then tell exactly. */
+/* Bracket the first fall through zero in the last step by its dense output; return whether there is one. */
+static int bracketed(engine *e, bracket *b)
+{
+    *b = (bracket){0, 0, -1, 0};
+    for (int i = 1; i <= INNER; i++) {
+        double share = (double)i / INNER;
+        double low = i < INNER ? least_inside(e, share) : least(e, e->t_0 + e->h, e->y_1);
+        if (low < 0) {
+            b->end = share, b->at_end = low;
+            if (b->begin == 0) b->at_begin = fmax(least(e, e->t_0, e->y_0), 0);
+            return 1;
+        }
+        b->begin = share, b->at_begin = low;
+    }
+    return 0;
+}
+
+/* Step to where the dense output has its zero, and from there by its slope until just past the exact one; return whether
+ * that succeeds: it does where the indicator is smooth. */
+static int reached_by_slope(engine *e, double guess, double whole, double close)
+{
+    double reach = 1e-6, low = fmax(guess - reach, 0), high = fmin(guess + reach, 1);
+    double slope = (least_inside(e, high) - least_inside(e, low)) / ((high - low) * whole), where = guess * whole;
+    if (!(slope < 0)) return 0;
+    for (int trial = 0; trial < 5 && where > 0 && where <= whole; trial++) {
+        double value = least_after(e, where);
+        if (value < 0 && value > 3 * close * slope) return 1;
+        where += close - value / slope;
+    }
+    return 0;
+}
+
+/* Close in on the first fall through zero by steps alone, slowly but surely; return whether there is one. */
+static int reached_by_bracket(engine *e, double guess, double whole, double close)
+{
+    bracket b = {0, whole, fmax(least(e, e->t_0, e->y_0), 0), least_after(e, whole)};
+    double inside = least_after(e, guess * whole);
+    int side = 0;
+    if (inside < 0)
+        b.end = guess * whole, b.at_end = inside;
+    else if (!(b.at_end < 0)) { /* the dense output alone falls below zero */
+        try_step(e, whole);
+        least(e, e->t_0 + whole, e->y_1);
+        return 0;
+    }
+    for (int trial = 0; trial < 200 && b.end - b.begin > close; trial++) {
+        double where = between(&b, trial);
+        narrow(&b, where, least_after(e, where), &side);
+    }
+    if (e->h != b.end) try_step(e, b.end);
+    return 1;
+}
+
+/* Shorten the last step to the first event in it, located as closely as time is told; return whether there is one. */
 static int shortened(engine *e)
 {
-    double whole = e->h, last = least(e, e->t_0, e->y_0);
-    bracket b = {0, 0, fmax(last, 0), 0};
+    bracket b;
+    if (!bracketed(e, &b)) return 0;
     int side = 0;
-    for (int i = 1; i <= INNER && b.end == 0; i++) {
-        double share = (double)i / INNER;
-        double low = i < INNER ? least_inside(e, share) : least(e, e->t_0 + whole, e->y_1);
-        if (low < 0)
-            b.end = share, b.at_end = low;
-        else
-            b.begin = share, b.at_begin = low;
-    }
-    if (b.end == 0) return 0;
-    for (int trial = 0; trial < 60 && b.end - b.begin > 1e-12; trial++) {
+    for (int trial = 0; trial < 60 && b.end - b.begin > 1e-9; trial++) {
         double share = between(&b, trial);
         narrow(&b, share, least_inside(e, share), &side);
     }
-    double close = 4 * DBL_EPSILON * fmax(fabs(e->t_0), whole), guess = 0.5 * (b.begin + b.end) * whole, reach = 1e-7;
-    bracket exact = {0, whole, fmax(last, 0), -1};
-    for (; reach < 2; reach *= 1000) { /* the guess is right to the error of the dense output */
-        double right = fmin(guess + reach * whole, whole), low = least_after(e, right);
-        if (!(low < 0) && right < whole) {
-            exact.begin = right, exact.at_begin = fmax(low, 0);
-            continue;
-        }
-        if (!(low < 0)) { /* the dense output alone falls below zero */
-            if (e->h != whole) try_step(e, whole);
-            return 0;
-        }
-        exact.end = right, exact.at_end = low;
-        double left = fmax(guess - reach * whole, exact.begin);
-        if (left > exact.begin) {
-            low = least_after(e, left);
-            if (low < 0) {
-                exact.end = left, exact.at_end = low, guess = left;
-                continue;
-            }
-            exact.begin = left, exact.at_begin = low;
-        }
-        break;
-    }
-    side = 0;
-    for (int trial = 0; trial < 100 && exact.end - exact.begin > close; trial++) {
-        double where = between(&exact, trial);
-        /* the secant lands on the root itself: past it by a little, both ends close in */
-        if (trial % 2 == 0) where = fmin(where + close, 0.5 * (where + exact.end));
-        narrow(&exact, where, least_after(e, where), &side);
-    }
-    if (e->h != exact.end) try_step(e, exact.end);
-    return 1;
+    double whole = e->h, guess = 0.5 * (b.begin + b.end), close = 4 * DBL_EPSILON * fmax(fabs(e->t_0), whole);
+    return reached_by_slope(e, guess, whole, close) || reached_by_bracket(e, guess, whole, close);
 }
 
 /* Solve the algebraic equations where the run stands; return whether they have a solution. */

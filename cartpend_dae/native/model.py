@@ -13,6 +13,7 @@ from cartpend_dae.system import System
 
 # the parts of the engine, in the order in which they are read
 ENGINE = ("engine.h", "methods.c", "events.c", "engine.c")
+SHARED = {"cse": True}  # what stands in several expressions is computed once
 NEVER = 1e300  # the next tick of a model without clocks [s]
 
 
@@ -70,10 +71,10 @@ def native_model(
     rates = ca.densify(ca.vertcat(ode, shadow, alg))
     slopes = [ca.densify(ca.jacobian(rates, y)), ca.densify(ca.jacobian(rates, s.time))]
     functions = (
-        ca.Function("model_rates", given, [rates]),
-        ca.Function("model_slopes", given, slopes),
-        ca.Function("model_indicators", given, [ca.densify(indicators)]),
-        ca.Function("model_decisions", *_decisions(s, made, u, given, shadows)),
+        ca.Function("model_rates", given, [rates], SHARED),
+        ca.Function("model_slopes", given, slopes, SHARED),
+        ca.Function("model_indicators", given, [ca.densify(indicators)], SHARED),
+        ca.Function("model_decisions", *_decisions(s, made, u, given, shadows), SHARED),
         ca.Function("model_ticks", given, [_next_tick(s, made)]),
     )
     is_timed = bool(expressions) or ca.depends_on(ca.vertcat(s.ode, s.alg), s.time)

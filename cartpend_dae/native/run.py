@@ -37,11 +37,16 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class NativeRun:
-    """States (n_x, n), algebraic variables (n_z, n) and memory (n_m, n) at n times, and what it took."""
+    """States (n_x, n), algebraic variables (n_z, n) and memory (n_m, n) at n times, and what it took.
+
+    `lowest` and `largest` (n_g,) are the least value and the largest magnitude of each indicator at these times.
+    """
 
     x: np.ndarray
     z: np.ndarray
     memory: np.ndarray
+    lowest: np.ndarray
+    largest: np.ndarray
     n_steps: int
     n_rejected: int
     n_trials: int
@@ -92,13 +97,14 @@ class Engine:
         options = np.array([settings.rtol, settings.atol, settings.longest, MOST_STEPS, METHODS[settings.method]])
         ys, ms, found = np.zeros((n, model.n_y)), np.zeros((n, model.n_m)), np.zeros(5)
         times = np.ascontiguousarray(grid, dtype=float)
-        arrays = [options, first, times, values, jumps, ys, ms, found]
+        lowest, largest = np.zeros(model.n_g), np.zeros(model.n_g)
+        arrays = [options, first, times, values, jumps, ys, ms, found, lowest, largest]
         pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in arrays]
         outcome = self.library.run_over_grid(*pointers[:2], ctypes.c_long(n), *pointers[2:])
         if outcome < 0:
             raise RuntimeError(f"{FAILURES[outcome]} at {found[4]:.9g} s")
         counts = (round(number) for number in found[:4])
-        return NativeRun(ys[:, : x.size].T, ys[:, model.n_x :].T, ms.T, *counts)
+        return NativeRun(ys[:, : x.size].T, ys[:, model.n_x :].T, ms.T, lowest, largest, *counts)
 
 
 def loaded(

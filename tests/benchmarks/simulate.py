@@ -36,7 +36,7 @@ from cartpend_dae.compiled import compiled  # noqa: E402
 from cartpend_dae.continuous import without_events  # noqa: E402
 
 GRID = np.linspace(0.0, hand.STOP, hand.POINTS)
-TOLERANCES = [10.0 ** (-k / 4) for k in range(16, 45)]  # 1e-4 to 1e-11; the absolute one is a hundredth of it
+TOLERANCES = [10.0 ** (-k / 4) for k in range(8, 45)]  # 1e-2 to 1e-11; the absolute one is a hundredth of it
 FRICTION, PERIOD = 6.0, 0.01  # N on the rail, s between two samples of the controller
 REPEATS, LONG = 15, 0.3  # a run longer than this [s] is not repeated
 FAR, IN_A_ROW = 100.0, 3  # an error so far off skips a decade; so many tolerances must be right
@@ -116,10 +116,10 @@ def whole(name, model, method="adaptive", *, compile=False, reference=None):
 
 
 def states_of(system):
-    """Return the states of a loop with events by `rosenbrock`, and how far `erk` is from it, both compiled."""
+    """Return the states of a loop with events by CasADi's `rosenbrock`, and how far the engine's `erk` is from it."""
     runs = []
-    for method, tolerance in (("rosenbrock", 1e-10), ("erk", 1e-9)):
-        options = {"rtol": tolerance, "atol": tolerance / 100, "compile": True}
+    for method, tolerance, is_compiled in (("rosenbrock", 1e-10, False), ("erk", 1e-10, True)):
+        options = {"rtol": tolerance, "atol": tolerance / 100, "compile": is_compiled}
         result = simulate(system, times=GRID, method=method, **options)
         runs.append(np.array([result[name] for name in STATES]))
     return runs[0], float(np.abs(runs[0] - runs[1]).max())
@@ -142,8 +142,8 @@ def cases():
         whole("simulate, rosenbrock", ours, "rosenbrock"),
         whole("simulate, compiled", ours, compile=True),
         whole("friction", friction, "rosenbrock", reference=rubbed),
-        whole("friction, compiled", friction, "rosenbrock", compile=True, reference=rubbed),
-        whole("sampled", sampled, "erk", compile=True, reference=held),
+        whole("friction, compiled", friction, compile=True, reference=rubbed),
+        whole("sampled", sampled, compile=True, reference=held),
     ], {"friction": doubt_1, "sampled": doubt_2}
 
 

@@ -26,10 +26,10 @@ ROWS = {
     "erk, compiled": ("components, integration alone", "erk, compiled"),
     "simulate, cvodes": ("components, `simulate`, all variables", "cvodes"),
     "simulate, rosenbrock": ("components, `simulate`, all variables", "rosenbrock"),
-    "simulate, compiled": ("components, `simulate`, all variables", "rosenbrock, compiled"),
+    "simulate, compiled": ("components, `simulate`, all variables", "rosenbrock, engine in C"),
     "friction": ("components, `simulate`, dry friction by events", "rosenbrock"),
-    "friction, compiled": ("components, `simulate`, dry friction by events", "rosenbrock, compiled"),
-    "sampled": ("components, `simulate`, controller sampled at 100 Hz", "erk, compiled"),
+    "friction, compiled": ("components, `simulate`, dry friction by events", "rosenbrock, engine in C"),
+    "sampled": ("components, `simulate`, controller sampled at 100 Hz", "rosenbrock, engine in C"),
     "clutches": ("CoupledClutches, `simulate`, 1.5 s, 1,501 outputs", "erk"),
 }
 
@@ -58,8 +58,8 @@ def section(results):
         "To prepare is to make the integrator and, where it is compiled, its C and the library; again is the same with",
         "the library in the cache. For `simulate` it is the first call on a system: functions, start, integrator. The",
         "system keeps these, and the time is that of a later call with the same start values, parameters and outputs.",
-        "With another start or parameter the start is solved anew, some 10 ms on the busy machine, and the targets for",
-        "`simulate` are missed by more. Friction and sampling compiled stand against the smooth run uncompiled.",
+        "With another start or parameter the start is solved anew, some 10 ms, and the targets for `simulate` are",
+        "missed by more. The engine in C is the package's own; the other compiled rows are C that CasADi writes.",
         *more(results),
         "",
         "### Targets of simulation",
@@ -77,8 +77,8 @@ def more(results):
     million, held, doubts = results["million"], results["held"], results["doubts"]
     return [
         "",
-        "With dry friction (6 N on the rail) and with the sampled controller the reference is `rosenbrock` with 1e-10,",
-        f"from which `erk` with 1e-9 differs by {doubts['friction']:.1g} and {doubts['sampled']:.1g}, both compiled.",
+        "With dry friction (6 N) or the sampled controller CasADi's `rosenbrock`, 1e-10, is the truth,",
+        f"from which the engine's `erk` with 1e-10 differs by {doubts['friction']:.1g} and {doubts['sampled']:.1g}.",
         "CoupledClutches runs with the tolerances that `simulate` has by default.",
         "",
         "| size | first call | memory |",
@@ -129,14 +129,21 @@ def targets(runs):
     def ratio(name, to="yardstick"):
         return fastest(runs[name]) / fastest(runs[to]) if name in runs and to in runs else None
 
-    smooth = "simulate, cvodes"
+    smooth, fast = "simulate, cvodes", "simulate, compiled"
     clutches = fastest(runs["clutches"]) if "clutches" in runs else None
     return [
         verdict("integration alone at most 1.1 times the yardstick", ratio("cvodes"), 1.1, ""),
         verdict("integration alone, compiled, at most 0.5 times", ratio("rosenbrock, compiled"), 0.5, ""),
         verdict("`simulate`, all variables, at most 1.1 times", ratio(smooth), 1.1, ""),
         verdict("`simulate`, all variables, compiled, at most 0.5 times", ratio("simulate, compiled"), 0.5, ""),
-        verdict("with friction events at most 1.5 times the smooth run", ratio("friction", smooth), 1.5, ""),
-        verdict("sampled at 100 Hz at most 3 times the continuous loop", ratio("sampled", smooth), 3.0, ""),
+        verdict(
+            "friction events at most 1.5 times the smooth run, both compiled",
+            ratio("friction, compiled", fast),
+            1.5,
+            "",
+        ),
+        verdict("friction events at most 1.5 times the smooth run, both not", ratio("friction", smooth), 1.5, ""),
+        verdict("sampled at most 3 times the continuous loop, both compiled", ratio("sampled", fast), 3.0, ""),
+        verdict("sampled, compiled, at most 3 times the continuous loop, not", ratio("sampled", smooth), 3.0, ""),
         verdict("CoupledClutches in less than 0.15 s", clutches, 0.15, " s"),
     ]
