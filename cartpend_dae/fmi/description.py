@@ -1,5 +1,6 @@
 """modelDescription.xml of an FMU, for FMI 2.0 and FMI 3.0, and buildDescription.xml of FMI 3.0."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 from xml.etree import ElementTree as ET
@@ -152,50 +153,62 @@ def _state_variables(table: VariableTable) -> list[FmuVariable]:
     return [values[where[k]] for k in sorted(where)]
 
 
-def _knowns(table: VariableTable) -> list[FmuVariable]:
-    """Return the variables of the columns of the dependencies that count in continuous time: time, states, inputs."""
-    values = table.of_role("value")
+@dataclass(frozen=True, slots=True)
+class _Unknown:
+    """An unknown of ModelStructure, and what it depends on."""
+
+    variable: FmuVariable
+    depends: tuple[FmuVariable, ...]
+
+
+def _lists(table: VariableTable, depends: Dependencies) -> dict[str, list[_Unknown]]:
+    """Return the unknowns of each list of ModelStructure."""
+    values, states = table.of_role("value"), _state_variables(table)
     where = {k: value for k, value in zip(table.input_of, values, strict=False) if k >= 0}
-    return [*table.of_role("time"), *_state_variables(table), *(where[k] for k in sorted(where))]
+    knowns = [*table.of_role("time"), *states, *(where[k] for k in sorted(where)), *table.of_role("parameter")]
+    rows = {"value": depends.values, "rate": depends.rates, "indicator": depends.indicators}
 
+    def unknowns(variables: Iterable[FmuVariable], at_start: bool = False) -> list[_Unknown]:
+        found = []
+        for v in variables:
+            # an unknown parameter follows from the start, which says on what it depends
+            row = rows[v.role][v.index] if v.role in rows else np.array([known == v for known in knowns])
+            row = row @ depends.start if at_start else row
+            kinds = ("exact", "") if at_start else ("exact", "approx", "calculated", "")
+            chosen = [k for k, one in zip(knowns, row, strict=True) if one and k.initial in kinds]
+            chosen = [k for k in chosen if k.variability != "constant" and (at_start or k.role != "parameter")]
+            found.append(_Unknown(v, tuple(chosen)))
+        return found
 
-def _lists(table: VariableTable, depends: Dependencies) -> dict[str, list[tuple[FmuVariable, np.ndarray | None]]]:
-    """Return the unknowns of each list of ModelStructure, with the row of their dependencies."""
-    values, rates, indicators = table.of_role("value"), table.of_role("rate"), table.of_role("indicator")
-    outputs = [(v, depends.values[v.index]) for v in values if v.causality == "output"]
-    derivatives = [(v, depends.rates[v.index]) for v in rates]
-    unknown = [
+    initial = [
         v
         for v in table.variables
         if (v.causality == "output" and v.initial in ("approx", "calculated"))
         or v.causality == "calculatedParameter"
         or v.role == "rate"
-        or (v in _state_variables(table) and v.initial in ("approx", "calculated"))
+        or (v in states and v.initial in ("approx", "calculated"))
     ]
     return {
-        "outputs": outputs,
-        "derivatives": derivatives,
-        "initial": [(v, None) for v in unknown],
-        "indicators": [(v, depends.indicators[v.index]) for v in indicators],
+        "outputs": unknowns(v for v in values if v.causality == "output"),
+        "derivatives": unknowns(table.of_role("rate")),
+        "initial": unknowns(initial, at_start=True),
+        "indicators": unknowns(table.of_role("indicator")),
     }
 
 
 def _structure_2(table: VariableTable, depends: Dependencies) -> ET.Element:
-    root, lists, knowns = ET.Element("ModelStructure"), _lists(table, depends), _knowns(table)
+    root, lists = ET.Element("ModelStructure"), _lists(table, depends)
     for tag, name in (("Outputs", "outputs"), ("Derivatives", "derivatives"), ("InitialUnknowns", "initial")):
-        if not lists[name]:
-            continue
-        group = ET.SubElement(root, tag)
-        for variable, row in lists[name]:
-            facts = {"index": str(variable.reference + 1)}
-            if row is not None:
-                facts["dependencies"] = " ".join(str(v.reference + 1) for k, v in enumerate(knowns) if row[k])
-            ET.SubElement(group, "Unknown", facts)
+        if lists[name]:
+            group = ET.SubElement(root, tag)
+            for u in lists[name]:
+                listing = " ".join(str(v.reference + 1) for v in u.depends)
+                ET.SubElement(group, "Unknown", index=str(u.variable.reference + 1), dependencies=listing)
     return root
 
 
 def _structure_3(table: VariableTable, depends: Dependencies) -> ET.Element:
-    root, lists, knowns = ET.Element("ModelStructure"), _lists(table, depends), _knowns(table)
+    root, lists = ET.Element("ModelStructure"), _lists(table, depends)
     tags = {
         "Output": "outputs",
         "ContinuousStateDerivative": "derivatives",
@@ -203,9 +216,7 @@ def _structure_3(table: VariableTable, depends: Dependencies) -> ET.Element:
         "EventIndicator": "indicators",
     }
     for tag, name in tags.items():
-        for variable, row in lists[name]:
-            facts = {"valueReference": str(variable.reference)}
-            if row is not None:
-                facts["dependencies"] = " ".join(str(v.reference) for k, v in enumerate(knowns) if row[k])
-            ET.SubElement(root, tag, facts)
+        for u in lists[name]:
+            listing = " ".join(str(v.reference) for v in u.depends)
+            ET.SubElement(root, tag, valueReference=str(u.variable.reference), dependencies=listing)
     return root

@@ -134,8 +134,8 @@ def functions_of(e: Equations) -> list[ca.Function]:
 
     ``rates -> ode``; ``algebraic -> alg, d(alg)/dz``; ``outputs -> y``, all variables; ``indicators``; ``next_time``;
     ``rest -> x`` sets a sliding speed that has passed zero to zero; ``round -> x, m, changed`` decides once at an
-    event; ``forward`` and ``adjoint`` are the derivatives of (ode, alg, y, indicators) in (t, x, u, p) and z. Each takes
-    (t, x, m, z, u, p), the derivatives their directions as well.
+    event; ``forward`` and ``adjoint`` are the derivatives of (ode, alg, y, indicators) in (t, x, u, p) and z. Each
+    takes (t, x, m, z, u, p), the derivatives their directions as well.
     """
     s, names = e.system, ["t", "x", "m", "z", "u", "p"]
 

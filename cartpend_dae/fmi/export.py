@@ -124,7 +124,7 @@ def _content(facts: Facts, e: Equations, start: StartProblem, table: VariableTab
         solver = solver_model(e)
         macros = solver_macros(e, solver, start, facts.stop)
     source = functions_source([*functions, *(solver.functions if solver else ())])
-    depends = dependencies_of(e)
+    depends = dependencies_of(e, start)
     # what is exported decides the token, so that the same export has the same
     said = model_header(facts, e, start, table, functions, macros), model_description(facts, table, depends)
     facts = replace(facts, token=_token([source, *said]))

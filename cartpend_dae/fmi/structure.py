@@ -6,24 +6,30 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.fmi.equations import Equations
+from cartpend_dae.fmi.start import StartProblem
 
 
 @dataclass(frozen=True, slots=True)
 class Dependencies:
-    """Boolean tables: a row for each rate, value or indicator, a column for time, states, inputs and parameters."""
+    """Boolean tables: a row for each rate, value or indicator, a column for time, states, inputs and parameters.
+
+    `start`, with the same columns twice, says on which of them each depends at the start, where states and parameters
+    may follow from others.
+    """
 
     rates: np.ndarray
     values: np.ndarray
     indicators: np.ndarray
+    start: np.ndarray
 
 
-def dependencies_of(e: Equations) -> Dependencies:
-    """Return the dependencies of an FMU in continuous time.
+def dependencies_of(e: Equations, start: StartProblem) -> Dependencies:
+    """Return the dependencies of an FMU in continuous time, and at the start.
 
     Parameters
     ----------
-    e
-        The equations.
+    e, start
+        The equations, and their start.
     """
     s = e.system
     known = ca.vertcat(s.time, s.x, s.u, s.p)
@@ -35,7 +41,28 @@ def dependencies_of(e: Equations) -> Dependencies:
         direct = _pattern(expression, known)
         return direct | (_pattern(expression, s.z) @ inner) if s.z.numel() else direct
 
-    return Dependencies(through(e.ode), through(e.values), through(e.indicators))
+    return Dependencies(through(e.ode), through(e.values), through(e.indicators), _at_start(e, start))
+
+
+def _at_start(e: Equations, start: StartProblem) -> np.ndarray:
+    """Return on which of (time, states, inputs, parameters) each of these depends at the start."""
+    s, n_v = e.system, start.point.size
+    n_x, n_u = s.x.numel(), s.u.numel()
+    depends = np.eye(1 + n_x + n_u + s.p.numel(), dtype=bool)
+    if not n_v:
+        return depends
+    solve = start.functions[0]
+
+    def pattern(argument: str) -> np.ndarray:
+        return np.asarray(ca.DM(solve.jac_sparsity(0, solve.index_in(argument)), 1)) != 0
+
+    given = pattern("s") & np.array(start.is_free, dtype=bool)  # the others are no knowns: something decides them
+    known = np.hstack([pattern("t"), given, pattern("u"), pattern("p")])
+    solved = _inverse_pattern(pattern("v")) @ known
+    depends[1 : 1 + n_x] = solved[:n_x]
+    for k, index in enumerate(start.unknown):
+        depends[1 + n_x + n_u + index] = solved[n_v - len(start.unknown) + k]
+    return depends
 
 
 def _pattern(expression: ca.SX, symbols: ca.SX) -> np.ndarray:

@@ -63,7 +63,7 @@ static void check_saved(fmi2Component c) {
     size_t size = 0;
     CHECK(GetFMUstate(c, &kept) == fmi2OK && kept);
     CHECK(SerializedFMUstateSize(c, kept, &size) == fmi2OK && size);
-    char *bytes = malloc(size);
+    char *bytes = calloc(1, size);
     CHECK(SerializeFMUstate(c, kept, bytes, size - 1) == fmi2Error);
     CHECK(SerializeFMUstate(c, kept, bytes, size) == fmi2OK);
     CHECK(DeSerializeFMUstate(c, bytes, size - 1, &again) == fmi2Error);
@@ -197,7 +197,7 @@ static void random_call(void) {
     case 25: FreeFMUstate(c, below(2) ? state : &copy); break;
     case 26:
         if (SerializedFMUstateSize(c, *state, &size) == fmi2OK) {
-            bytes = malloc(size);
+            bytes = calloc(1, size);
             SerializeFMUstate(c, *state, bytes, size - below(2));
             if (below(2))
                 bytes[below(100)] ^= 1;

@@ -108,7 +108,7 @@ static void check_saved(fmi3Instance c) {
     fmi3FMUState kept = NULL, again = NULL, stale;
     size_t size = 0;
     CHECK(GetFMUState(c, &kept) == fmi3OK && SerializedFMUStateSize(c, kept, &size) == fmi3OK && size);
-    uint8_t *bytes = malloc(size);
+    uint8_t *bytes = calloc(1, size);
     CHECK(SerializeFMUState(c, kept, bytes, size - 1) == fmi3Error && SerializeFMUState(c, kept, bytes, size) == fmi3OK);
     CHECK(DeserializeFMUState(c, bytes, size - 1, &again) == fmi3Error);
     CHECK(DeserializeFMUState(c, bytes, size, &again) == fmi3OK && SetFMUState(c, again) == fmi3OK);
@@ -239,7 +239,7 @@ static void random_call(void) {
     case 25: FreeFMUState(c, below(2) ? state : &copy); break;
     case 26:
         if (SerializedFMUStateSize(c, *state, &size) == fmi3OK) {
-            bytes = malloc(size);
+            bytes = calloc(1, size);
             SerializeFMUState(c, *state, bytes, size - below(2));
             if (below(2))
                 bytes[below(100)] ^= 1;

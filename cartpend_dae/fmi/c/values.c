@@ -102,6 +102,8 @@ static int check_set(Instance *c, unsigned reference, double value) {
         int k = (int)(reference - FIRST_VALUE);
         if (INPUT_OF[k] >= 0)
             return s->phase == TERMINATED ? cannot_set(c, reference, "the run has ended") : OK;
+        if (STATE_OF[k] >= 0 && !s->is_cs && (s->phase & (EVENT_MODE | CONTINUOUS_MODE)))
+            return OK;                   /* some importers set states one by one */
         if (ALGEBRAIC_OF[k] >= 0 || DISCRETE_OF[k] >= 0 || (STATE_OF[k] >= 0 && SETTABLE[STATE_OF[k]]))
             return begins ? OK : cannot_set(c, reference, "its start value belongs before the end of initialization");
         if (STATE_OF[k] >= 0)
@@ -130,6 +132,8 @@ static void set_value(Instance *c, unsigned reference, double value) {
         } else if (DISCRETE_OF[k] >= 0) {
             s->discretes[DISCRETE_OF[k]] = value;
             s->discretes_given[DISCRETE_OF[k]] = 1;
+        } else if (!begins) {
+            s->x[STATE_OF[k]] = value;
         } else {
             s->starts[STATE_OF[k]] = value;
             s->given[STATE_OF[k]] = 1;
