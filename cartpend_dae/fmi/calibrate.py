@@ -5,6 +5,7 @@ and the run has no events, else from central differences of whole runs.
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -15,11 +16,14 @@ from cartpend_dae.assemble import assemble
 from cartpend_dae.data import FloatArray
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.fmi.component import fmus_in
-from cartpend_dae.fmi.joint import run_system
+from cartpend_dae.fmi.joint import Joint, run_system
+from cartpend_dae.fmi.march import Tolerance, march
+from cartpend_dae.fmi.slopes import JointSlopes, gives_directional
 from cartpend_dae.inputs import Input
 from cartpend_dae.language import Component
 
-STEP = 1e-4
+# part of a parameter by which runs are made to differ, and how far the two kinds of slopes may be apart
+STEP, ALIKE = 1e-4, 1e-2
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +105,11 @@ def identify_with_fmus(
     covariance = np.linalg.pinv(slopes.T @ slopes) * variance
     sd = dict(zip(free, np.sqrt(np.diag(covariance)).tolist(), strict=True))
     return JointFit(
-        dict(zip(free, found.tolist(), strict=True)), sd, problem.residual_sd(found), problem.how, problem.n_runs
+        dict(zip(free, found.tolist(), strict=True)),
+        sd,
+        problem.residual_sd(found),
+        "directional" if problem.how == "directional" else "differences",
+        problem.n_runs,
     )
 
 
@@ -119,7 +127,7 @@ class _Problem:
         self.system, self.placed = assemble(model), list(fmus_in(model))
         self.runs, self.free, self.fixed, self.rtol = runs, list(free), fixed, rtol
         self.outputs = list(dict.fromkeys(name for run in runs for name in run.outputs))
-        self.how: Literal["directional", "differences"] = "differences"
+        self.how: Literal["directional", "differences", "unknown"] = "unknown"
         self.n_runs = 0
         if not free:
             raise ModelError(f"{self.system.name}: name at least one parameter to be found.")
@@ -179,7 +187,54 @@ class _Problem:
         return found
 
     def slopes(self, x: FloatArray, weights: Mapping[str, float]) -> FloatArray:
-        """Return the slopes of the residuals, a column for each free parameter, by central differences."""
+        """Return the slopes of the residuals, a column for each free parameter.
+
+        The first time those of the FMU are compared with differences: some FMUs leave out what depends on parameters.
+        """
+        if self.how == "unknown":
+            self.how = "differences"
+            found = self._directional(x, weights)
+            differences = self._differences(x, weights)
+            if found is not None and np.linalg.norm(found - differences) <= ALIKE * np.linalg.norm(differences):
+                self.how = "directional"
+            return differences
+        if self.how == "directional" and (found := self._directional(x, weights)) is not None:
+            return found
+        return self._differences(x, weights)
+
+    def _directional(self, x: FloatArray, weights: Mapping[str, float]) -> FloatArray | None:
+        """Return the slopes by directional derivatives, None where an FMU has none of them or a run has events."""
+        if not set(self.outputs) <= set(self.system.positions[0]):
+            return None
+        parameters = self.fixed | dict(zip(self.free, x.tolist(), strict=True))
+        parts = []
+        try:
+            for run in self.runs:
+                slopes = self._along(run, parameters)
+                if slopes is None:
+                    return None
+                for k, (name, values) in enumerate(run.outputs.items()):
+                    parts.append(weights[name] * slopes[np.isfinite(values), :, k])
+        except SolverError:
+            return None
+        return np.concatenate(parts)
+
+    def _along(self, run: MeasuredRun, parameters: dict[str, float]) -> FloatArray | None:
+        """Return the slopes of a run's outputs, shape (n_times, n_free, n_outputs)."""
+        grid = np.asarray(run.times, dtype=float)
+        self.n_runs += 1
+        with ExitStack() as stack:
+            joint = Joint(self.system, self.placed, grid, dict(run.inputs), dict(run.start), parameters, stack)
+            state = joint.begin(grid)
+            if not gives_directional(joint):
+                return None
+            plant = JointSlopes(joint, self.free, list(run.outputs))
+            whole = np.concatenate([state, np.zeros(state.size * len(self.free))])
+            rows, _ = march(plant, whole, grid, Tolerance(self.rtol, np.full(whole.size, 1e-2 * self.rtol)))
+        return rows.reshape(grid.size, len(self.free), len(run.outputs))
+
+    def _differences(self, x: FloatArray, weights: Mapping[str, float]) -> FloatArray:
+        """Return the slopes by central differences of whole runs."""
         columns = []
         for i in range(x.size):
             width = STEP * (abs(x[i]) or 1.0)

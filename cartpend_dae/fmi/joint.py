@@ -146,13 +146,14 @@ class Joint:
         hidden = [u.placed.name(name) + HIDDEN for u in self.units for name in u.outputs]
         self.wanted = [u.placed.name(name) for u in self.units for name in u.inputs]
         self.where = np.array([system.inputs.index(name) for name in hidden], dtype=int)
-        inner = {p.name(v.name) for p in placed for v in p.fmu.variables} - {v.name for v in system.variables}
+        inner = {p.name(v.name) for p in placed for v in p.fmu.variables if v.causality != "input"}
         self.inner = {name: value for name, value in start.items() if name in inner}
         self.asked = Asked(inputs, {n: v for n, v in start.items() if n not in inner}, parameters)
         self.driven = self._drive(inputs, hidden)
         self.jumps = self.driven.jumps(float(grid[0]), float(grid[-1]))
         self.since, self.y = float(grid[0]), np.zeros(len(hidden))
         self.native: NativeSide
+        self.n_falling = 0
 
     def _drive(self, inputs: dict[str, Input], hidden: list[str]) -> Drive:
         every = checked_inputs(self.system, {**inputs, **dict.fromkeys(hidden, 0.0)})
@@ -183,6 +184,7 @@ class Joint:
         hidden = {self.system.inputs[i]: float(value) for i, value in zip(self.where, self.y, strict=True)}
         asked = Asked({**(self.asked.inputs or {}), **hidden}, self.asked.start, self.asked.parameters)
         self.native = NativeSide(prepared_run(self.system, grid, asked, with_times=False).begin, self.wanted)
+        self.n_falling = self.native.n_indicators
 
     def _ask(self, time: float) -> np.ndarray:
         return self.native.wanted(time, self.native.x, self._inputs(time))

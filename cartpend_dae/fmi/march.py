@@ -18,7 +18,7 @@ from cartpend_dae.errors import SolverError
 # an event is located to this part of the time
 RESOLUTION = 1e-14
 # largest step as part of the whole time: two crossings within one step would go unseen
-SHARE = 1 / 500
+SHARE = 1 / 200
 # so many events at one instant, told by this part of the whole time, end the run
 CROWD, INSTANT = 500, 1e-10
 
@@ -31,6 +31,8 @@ class Plant(Protocol):
     """What is integrated: continuous states (n_x,) between events."""
 
     name: str
+    n_falling: int
+    """So many indicators, the first ones, count only where they fall through zero; the others in both directions."""
 
     def rates(self, time: float, x: np.ndarray) -> np.ndarray:
         """Return the derivatives (n_x,)."""
@@ -141,7 +143,7 @@ def _smooth(
     width = (record._grid[-1] - record._grid[0]) * SHARE
     absolute: Any = tolerance.absolute if x.size else 1.0
     solver = LSODA(rates, time, padded, bound, max_step=width, rtol=tolerance.relative, atol=absolute)
-    signs = plant.indicators(time, x) > 0
+    watch = _Watch(plant, plant.indicators(time, x) > 0)
     while solver.status == "running":
         before = solver.t
         with warnings.catch_warnings():
@@ -150,40 +152,57 @@ def _smooth(
         if solver.status == "failed" or not np.all(np.isfinite(solver.y)):
             raise SolverError(f"{plant.name}: the integration stops at {before:.6g} s: {message or 'not finite'}.")
         dense = solver.dense_output()
-        crossed = _crossed(plant, dense, signs, before, solver.t, real)
+        crossed = _crossed(watch, dense, before, solver.t, real)
         if crossed is not None:
-            at = _located(plant, dense, signs, before, crossed, real)
+            at = _located(watch, dense, before, crossed, real)
             record.until(at, lambda t, d=dense: real(d(t)))
             return at, real(dense(at)), True
         is_last = solver.status == "finished"
         record.until(solver.t, lambda t, d=dense: real(d(t)))
         now = real(solver.y)
+        watch.rise(solver.t, now)
         if plant.completed(solver.t, now) or (is_last and bound < end):
             return solver.t, now, True
     return bound, real(solver.y), False
 
 
+class _Watch:
+    """The signs of indicators since the last event."""
+
+    def __init__(self, plant: Plant, signs: np.ndarray) -> None:
+        self._plant, self.signs = plant, signs
+        self._falls = np.arange(signs.size) < plant.n_falling
+
+    def is_crossed(self, time: float, x: np.ndarray) -> bool:
+        """Whether an indicator has another sign than before."""
+        signs = self._plant.indicators(time, x) > 0
+        return bool(np.any(np.where(self._falls, self.signs & ~signs, self.signs != signs)))
+
+    def rise(self, time: float, x: np.ndarray) -> None:
+        """Take note of what has risen above zero and may fall."""
+        if self._falls.any():
+            self.signs = np.where(self._falls, self.signs | (self._plant.indicators(time, x) > 0), self.signs)
+
+
 def _crossed(
-    plant: Plant,
+    watch: _Watch,
     dense: Callable[[float], np.ndarray],
-    signs: np.ndarray,
     before: float,
     after: float,
     real: Callable[[np.ndarray], np.ndarray],
 ) -> float | None:
     """Return a time of a step at which an indicator has another sign, None where none is seen."""
-    if not signs.size:
+    if not watch.signs.size:
         return None
     for at in (0.5 * (before + after), after):
-        if np.any((plant.indicators(at, real(dense(at))) > 0) != signs):
+        if watch.is_crossed(at, real(dense(at))):
             return at
     return None
 
 
 def _located(
-    plant: Plant,
+    watch: _Watch,
     dense: Callable[[float], np.ndarray],
-    signs: np.ndarray,
     low: float,
     high: float,
     real: Callable[[np.ndarray], np.ndarray],
@@ -193,7 +212,7 @@ def _located(
         middle = 0.5 * (low + high)
         if middle in (low, high):
             break
-        if np.any((plant.indicators(middle, real(dense(middle))) > 0) != signs):
+        if watch.is_crossed(middle, real(dense(middle))):
             high = middle
         else:
             low = middle

@@ -39,10 +39,12 @@ class NativeSide:
             if h.pulses.numel():
                 ticks = ca.mmin(h.offsets + whole.next * h.periods)
         ode, alg, outputs, chosen = laws
+        self._symbols, self._laws = given, (ode, alg, outputs, chosen)
         self._rates = ca.Function("rates", given, [ca.densify(ode)], {"cse": True})
         self._outputs = ca.Function("outputs", given, [ca.densify(outputs)], {"cse": True})
         self._wanted = ca.Function("wanted", given, [ca.densify(chosen)], {"cse": True})
         self._indicators = ca.Function("indicators", given, [ca.densify(indicators)], {"cse": True})
+        self.n_indicators = indicators.numel()
         self._tick = ca.Function("tick", [m, system.p], [ticks])
         self._settle = made.settle if made is not None else None
         self._solve = None
@@ -50,6 +52,11 @@ class NativeSide:
             known = ca.vertcat(system.time, system.x, m, system.u, system.p)
             problem = {"x": system.z, "p": known, "g": alg}
             self._solve = ca.rootfinder("algebraics", "newton", problem, {"error_on_fail": False})
+
+    def expressions(self, where: list[int]) -> tuple[list[ca.SX], ca.SX, list[ca.SX]]:
+        """Return symbols (t, x, m, z, u, p), the algebraic equations, and rates, what is wanted, and some variables."""
+        ode, alg, outputs, chosen = self._laws
+        return self._symbols, alg, [ode, chosen, outputs[where, 0]]
 
     def algebraics(self, time: float, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Solve for the algebraic variables (n_z,)."""

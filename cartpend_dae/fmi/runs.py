@@ -69,6 +69,8 @@ def run(folder: Path, description: "ModelDescription", task: Task, label: str) -
 class FmuPlant:
     """An FMU for model exchange with its inputs, as `march` wants it."""
 
+    n_falling = 0
+
     def __init__(self, instance: Instance, driven: Drive, begin: float, end: float, reader: Reader) -> None:
         self.name, self._instance, self._driven, self._reader = instance.label, instance, driven, reader
         self._jumps, self._since = driven.jumps(begin, end), begin
