@@ -147,9 +147,10 @@ def reference_section():
 def main():
     """Write the page, or with ``--references`` only its last section anew."""
     target = ROOT / "docs" / "validation.md"
+    kept, title, last = target.read_text().partition("## Reference examples\n")
+    behind = last[found:] if (found := last.find("\n## ")) >= 0 else ""  # what other commands have made
     if "--references" in sys.argv[1:]:
-        kept, title, _ = target.read_text().partition("## Reference examples\n")
-        target.write_text("\n".join([f"{kept}{title}", *reference_section(), ""]))
+        target.write_text("\n".join([f"{kept}{title}", *reference_section(), ""]) + behind)
         keep_coverage(target)
         return
     page = [
@@ -181,7 +182,7 @@ def main():
         *reference_section(),
         "",
     ]
-    target.write_text("\n".join(page))
+    target.write_text("\n".join(page) + behind)
     keep_coverage(target)
 
 
