@@ -16,7 +16,7 @@ relative tolerance (the absolute one is a hundredth of it) that keeps the error 
 which `cvodes` with 1e-12 differs by {doubt:.1g}; the current reaches 37 A. Times are wall times, the fastest of up to
 15 runs in turns; peers run afterwards, three times, with the first tolerance of 2 a decade that is right."""
 
-WHY = """The two rows in which both runs are compiled set what takes about 7 ms against events, and are missed for the same
+WHY = """Both rows in which all is compiled set events against what takes about 7 ms, and are missed for the same
 reason: each of the 118 stops of the cart, and each of the 6,000 jumps of the held voltage, starts a transient of
 the current of 0.3 ms, which a step of 20 ms cannot pass over at an error of 1e-6. Where the smooth run takes some
 3,000 steps, the stops add 15 each, 1.5 times as many in all, each with two looks at the indicators and a third more
