@@ -264,6 +264,35 @@ def test_without_scripts_the_report_is_read_all_the_same(browser, report):
         assert page.locator("#candidate-table tbody tr").last.is_visible()
 
 
+def test_a_fit_is_drawn_with_its_band_where_that_is_known(browser, tmp_path):
+    """The band of 95 % is not known at samples that were not simulated; the curves are drawn all the same."""
+    source = demo_run().results
+    result = json.loads((source / "result.json").read_text("utf-8"))
+    result |= {"command": "identify", "verdict": None, "steps": [], "files": {"runs": {"release3": "release3.csv"}}}
+    (tmp_path / "result.json").write_text(json.dumps(result), "utf-8")
+    table = pd.read_csv(source / "release3.csv").rename(
+        columns={"bearing.phi.after": "bearing.phi.model", "bearing.phi.residual_after": "bearing.phi.residual"}
+    )
+    table["bearing.phi.sd"] = np.where(table["time"] < 1, np.nan, 0.02)
+    table.to_csv(tmp_path / "release3.csv", index=False)
+    with opened(browser, write_page(tmp_path)) as page:
+        assert page.inner_text("h1") == "RotaDamp is calibrated, and explains its data."
+        assert page.locator(".tabs [role=tab]").count() == 1 and page.locator("#charts canvas").count() == 2
+        blue = page.evaluate(
+            """() => {
+                const canvas = document.querySelector("#charts canvas"), {width, height} = canvas;
+                const pixels = canvas.getContext("2d").getImageData(0, 0, width, height).data;
+                let count = 0;
+                for (let k = 0; k < pixels.length; k += 4)
+                    count += pixels[k + 2] > pixels[k] + 60 && pixels[k + 3] > 99;
+                return count;
+            }"""
+        )
+        # a line of 1.5 px over the width of the page
+        assert blue > 1000
+        assert violations(page) == []
+
+
 HOSTILE = "</script><script>document.title='taken'</script><img src=http://example.invalid/x onerror=alert(1)>"
 
 

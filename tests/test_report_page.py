@@ -59,6 +59,7 @@ def test_the_report_is_made_again_from_its_folder(tmp_path):
         ("[]", "this is no result of"),
         ('{"schema": 1, "command": "design"}', "this is no result of"),
         ('{"schema": 1, "command": "discover"}', "the result is not complete"),
+        ('{"schema": 1, "command": "discover", "files": {"runs": {"a": "../a.csv"}}}', "is no file of this folder"),
         ('{"schema": 1, "command": "discover", "files": {"runs": {"a": "a.csv"}}}', "the result is not complete"),
     ],
 )

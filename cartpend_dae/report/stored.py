@@ -76,6 +76,8 @@ def read_stored(folder: Path) -> Stored:
         raise StudyError(f"{path}: this is no result of `cartpend identify` or `cartpend discover` (schema 1).")
     try:
         files = result.get("files", {}).get("runs", {})
+        if outside := [file for file in files.values() if Path(file).name != file]:
+            raise StudyError(f"{path}: `{outside[0]}` is no file of this folder; make the result again.")
         return Stored(result, tuple(_run(result, name, folder / file) for name, file in files.items()))
     except (KeyError, TypeError, AttributeError) as error:
         raise StudyError(f"{path}: the result is not complete ({error}); make it again.") from None
