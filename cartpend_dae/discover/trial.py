@@ -31,7 +31,7 @@ FAINT = 0.03
 # models whose criterion differs by less than this, or this share of chi2, explain the data alike: the smaller is taken
 ALIKE, ALIKE_SHARE, ALIKE_WHITE = 10.0, 0.01, 0.05
 # responses with a larger cosine move the data alike
-PARALLEL = 0.95
+PARALLEL, SAME = 0.95, 0.999
 # noise alone: drop of BIC (largest on 90 data sets with nothing missing: 8.6)
 MIN_BIC_GAIN = 20.0
 NEAR, FAR_BEHIND = 3.0, 100.0
@@ -101,6 +101,22 @@ def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
     return _ordered(bench, complete, base, rules) + [c for c in judged if c.fit is None] + rest
 
 
+def _unlike(ranked: list[Candidate]) -> list[Candidate]:
+    """Leave out those that move the data as a simpler one before them does."""
+    found: list[Candidate] = []
+    for candidate in ranked:
+        n = len(candidate.insertion.parameter_names)
+        if not any(len(c.insertion.parameter_names) <= n and are_parallel(c, candidate, SAME) for c in found):
+            found.append(candidate)
+    return found
+
+
+def _contains(candidate: Candidate, other: Candidate) -> bool:
+    """Return whether a candidate is a richer law than another one at the same place."""
+    one, two = candidate.insertion, other.insertion
+    return one.place.at == two.place.at and one.card.id in two.card.nested_in
+
+
 def _screened_where_it_shows(
     bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
 ) -> tuple[float, list[Candidate]]:
@@ -126,7 +142,8 @@ def _weighed_trials(bench: Workbench, base: Base, rules: Rules, options: list[In
     cost = penalty(len(options))
     possible = [c for c in screened if not c.why_not]
     possible.sort(key=lambda c: len(c.insertion.size_names) * cost - c.predicted)
-    few = [c for c in possible[:FEW] if c.predicted > HALF * cost * len(c.insertion.size_names)]
+    few = _unlike([c for c in possible if c.predicted > HALF * cost * len(c.insertion.size_names)])[:FEW]
+    few += [c for c in possible if c not in few and any(_contains(c, other) for other in few)]
     rest = [c for c in screened if c.why_not]
     rest += [replace(c, why_not="others promise more") for c in possible if c not in few]
     for candidate in few:
@@ -308,10 +325,10 @@ def aliases(winner: Candidate, ranked: list[Candidate]) -> tuple[str, ...]:
     return (*same, *close)
 
 
-def are_parallel(one: Candidate, other: Candidate) -> bool:
+def are_parallel(one: Candidate, other: Candidate, cosine: float = PARALLEL) -> bool:
     """Return whether two candidates are one, or were predicted to move the residuals in one direction."""
     if one.insertion.prefix == other.insertion.prefix:
         return True
     if one.response is None or other.response is None or one.response.size != other.response.size:
         return False
-    return abs(float(one.response @ other.response)) > PARALLEL
+    return abs(float(one.response @ other.response)) > cosine
