@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cartpend_dae.assess import Assessment
-from cartpend_dae.discover.closure import KINDS, SPARE, Closure, Reach, closure_at, train
+from cartpend_dae.discover.closure import KINDS, SPARE, Closure, ClosureKind, Reach, closure_at, train
 from cartpend_dae.discover.localize import FOLLOW, LIMIT, Localisation, PlaceEvidence, at_place, localize
 from cartpend_dae.discover.portrait import Portrait
 from cartpend_dae.discover.records import Search
@@ -70,7 +70,7 @@ def _depends(place: PlaceEvidence) -> str:
     return "displacement and speed" if place.kind == "load" else "the signal"
 
 
-def open_set(bench: Workbench, search: Search) -> OpenSet:
+def open_set(bench: Workbench, search: Search, *, kinds: tuple[ClosureKind, ...] = KINDS) -> OpenSet:
     """Look into what a search has left unexplained.
 
     Parameters
@@ -79,6 +79,8 @@ def open_set(bench: Workbench, search: Search) -> OpenSet:
         The workbench of the search.
     search
         Its outcome.
+    kinds
+        The closures to train.
 
     Raises
     ------
@@ -98,8 +100,8 @@ def open_set(bench: Workbench, search: Search) -> OpenSet:
     compared = search.final if search.bandwidth == last else bench.fit(taken, begin.point, (last,), sd)
     stages = (FOLLOW * bench.frequency, last) if is_free else (last,)
     found = []
-    bench.begin("closures", len(KINDS))
-    for kind in KINDS:
+    bench.begin("closures", len(kinds))
+    for kind in kinds:
         closure = closure_at(at_place(bench, at), kind, reach_of(seen))
         try:
             found.append(train(bench, taken, (begin, compared), closure, stages, sd))

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from cartpend_dae.assess import Assessment, assess
+from cartpend_dae.discover.closure import KINDS
 from cartpend_dae.discover.open_set import OpenSet, open_set
 from cartpend_dae.discover.rates import Rate, rates
 from cartpend_dae.discover.records import Regime, Search, Setup
@@ -141,7 +142,9 @@ def _beyond(
     left = None
     if outcome.verdict in ("unexplained", "improved"):
         try:
-            left = open_set(bench, outcome)
+            # where disturbances move the rig something is always left: one closure tells whether it is a law
+            is_named = outcome.regime == "disturbances" and bool(outcome.steps)
+            left = open_set(bench, outcome, kinds=("spline",) if is_named else KINDS)
         except (ModelError, SolverError) as error:
             bench.report("what is left", str(error), float("nan"))
     return Beyond(left, splits(bench, outcome), rates(bench, outcome, searcher, placebo=placebo, power=power))

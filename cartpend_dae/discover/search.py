@@ -14,6 +14,8 @@ from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place
 from cartpend_dae.identify import Fit
 
+# share of the random forces of the model before that is not small
+MUCH = 0.5
 # stages of decreasing output injection, in units of the dominant frequency
 STAGES = (5.0, 2.0, 0.7, 0.0)
 _Library = tuple[tuple[Card, ...], tuple[Place, ...]]
@@ -66,6 +68,7 @@ def search(
     except KeyboardInterrupt:
         log.is_interrupted, base = True, log.base or start
     last_gate = residuals(base.fit)
+    is_left = last_gate.is_passed or _pushes_remain(start, base)
     if rules.regime == "disturbances":  # before and after are compared with the output injection that suits the last
         bandwidth = float(base.fit.bandwidth[0])
         start = Base((), {bandwidth: bench.fit((), start.fit.point, (bandwidth,), rules.sd)})
@@ -78,7 +81,7 @@ def search(
         last_gate,
         tuple(log.steps),
         tuple(log.tried.values()),
-        _verdict(bool(log.steps), last_gate.is_passed),
+        _verdict(bool(log.steps), is_left),
         log.is_interrupted,
     )
 
@@ -145,6 +148,18 @@ def _reported(bench: Workbench, base: Base, rules: Rules) -> Fit:
     if rules.regime == "noise":
         return base.fit
     return with_robust_sd(base.fit, bench.solved(base.taken, base.fit, rules.sd))
+
+
+def _pushes_remain(before: Base, after: Base) -> bool:
+    """Return whether the random forces found are still at least half of those without any additions.
+
+    Innovations are white where a random force stands for what is missing; its size tells.
+    """
+    if before.weighed is None or after.weighed is None:
+        return False
+    old, new = before.weighed.forces, after.weighed.forces
+    first = dict(zip(old.names, old.sizes, strict=True))
+    return any(size > MUCH * first[name] for name, size in zip(new.names, new.sizes, strict=True) if first.get(name))
 
 
 def _verdict(has_steps: bool, is_left: bool) -> Verdict:
