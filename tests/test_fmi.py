@@ -9,8 +9,10 @@ import pytest
 from fmi_bench import ROOT, VERSIONS, Mixed, description_of, exported, opened, system_of
 from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
+from typer.testing import CliRunner
 
 from cartpend_dae import ModelError, export_fmu, simulate
+from cartpend_dae.cli import app
 from cartpend_dae.fmi import build
 from cartpend_dae.fmi.variables import outputs_of
 
@@ -217,6 +219,23 @@ def test_a_mistake_is_a_sentence(path, options, sentence, tmp_path):
     with pytest.raises(ModelError, match=sentence):
         export_fmu(Mixed(), tmp_path / path, **options)
     assert not list(tmp_path.glob("*.fmu"))
+
+
+def test_the_command_writes_an_fmu(tmp_path):
+    path, model = tmp_path / "cart.fmu", str(ROOT / "models" / "driven_cart.py")
+    options = ["--version", "3.0", "--kind", "me", "--output", "bearing.phi", "--set", "rail.d=5.5"]
+    done = CliRunner().invoke(app, ["export-fmu", model, "-o", str(path), *options])
+    assert done.exit_code == 0, done.output
+    description = fmpy.read_model_description(str(path))
+    assert (description.fmiVersion, description.coSimulation) == ("3.0", None)
+    assert [u.variable.name for u in description.outputs] == ["bearing.phi"]
+    assert {v.name: v.start for v in description.modelVariables}["rail.d"] == "5.5"
+
+
+def test_the_command_answers_a_mistake_with_a_sentence(tmp_path):
+    model = str(ROOT / "models" / "driven_cart.py")
+    done = CliRunner().invoke(app, ["export-fmu", model, "-o", str(tmp_path / "cart.zip")])
+    assert done.exit_code == 2 and "ends with `.fmu`" in done.output.replace("\n", " ")
 
 
 def test_the_c_files_are_part_of_the_package():

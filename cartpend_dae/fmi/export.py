@@ -26,6 +26,8 @@ from cartpend_dae.quantities import is_number
 from cartpend_dae.singular import check_regular
 from cartpend_dae.system import System
 
+# each instance keeps two dense matrices of this size: 16 MB
+MOST_STATES = 1000
 LAYERS = {
     "2.0": ("fmi2.c", "fmi2_model_exchange.c", "fmi2_co_simulation.c"),
     "3.0": ("fmi3.c", "fmi3_values.c", "fmi3_model_exchange.c", "fmi3_co_simulation.c"),
@@ -92,6 +94,7 @@ def export_fmu(
     _check(target, version, kind, {"stop": stop, "tolerance": tolerance})
     system = _with_parameters(assemble(model), dict(parameters or {}))
     check_regular(system, system.parameter_values)
+    _check_size(system)
     e = equations_of(system, float(stop))
     start = start_problem(e)
     table = variable_table(e, start, outputs_of(system, outputs))
@@ -101,6 +104,15 @@ def export_fmu(
     facts = Facts(system.name, identifier, "", doc.partition("\n")[0], "cartpend_dae", *numbers)
     packed(target, _content(facts, e, start, table))
     return target
+
+
+def _check_size(system: System) -> None:
+    n = system.x.numel() + system.z.numel()
+    if n > MOST_STATES:
+        raise ModelError(
+            f"{system.name} has {n} states and algebraic variables; an FMU solves dense equations and takes at most "
+            f"{MOST_STATES}."
+        )
 
 
 def _with_parameters(system: System, values: dict[str, float]) -> System:

@@ -81,6 +81,7 @@ def model_header(
         "SIZE_IW": max(f.sz_iw() for f in functions),
         "SIZE_W": max(f.sz_w() for f in functions),
         "ROUNDS": ROUNDS,
+        "TOLERANCE": repr(facts.tolerance),
         "HAS_ME": int(facts.kind != "cs"),
     }
     first = {f"FIRST_{role.upper()}": number for role, number in table.first.items()}

@@ -91,7 +91,8 @@ def measured(system, stop, example):
                 )
                 seconds = time.perf_counter() - begun
                 native = simulate(system, times=around_events(result["time"]), inputs=inputs)
-                run = {"seconds": seconds, "native": worst_use(compare, native, result, names)}
+                use, variable = worst_use(compare, native, result, names)
+                run = {"seconds": seconds, "native": use, "variable": variable}
                 if example:
                     use = tube_use(example, reference_of(example), result["time"], result)
                     run["dymola"] = max(use.values())
@@ -110,17 +111,16 @@ def around_events(times):
 
 
 def worst_use(compare, native, result, names):
-    """Return the worst use of the tube around the native run by all variables of the model."""
+    """Return the worst use of the tube around the native run by any variable of the model, and which it is."""
     duration = native.time[-1] - native.time[0]
-    worst = 0.0
+    worst = 0.0, ""
     for name in names:
         values = native[name]
         scale = float(np.ptp(values)) or float(np.max(np.abs(values)))
         # what is constant but for rounding has no range of its own
         height = max(TUBE * scale, 1e-9)
-        worst = max(
-            worst, compare.check_signal(native.time, values, result["time"], result[name], TUBE * duration, height)[1]
-        )
+        use = compare.check_signal(native.time, values, result["time"], result[name], TUBE * duration, height)[1]
+        worst = max(worst, (use, name))
     return worst
 
 
@@ -167,7 +167,28 @@ def section(rows):
         runs = [figures(row["runs"].get(f"{version} {kind}")) for version in ("2.0", "3.0") for kind in KINDS]
         facts = [name, str(row["states"]), str(row["indicators"]), f"{row['export 2.0']:.1f} s"]
         lines.append(f"| {' | '.join([*facts, *runs])} |")
-    return [*lines, ""]
+    return [*lines, "", *outside(rows)]
+
+
+# why a variable of the full list leaves the tube, though the listed ones do not
+REASONS = {
+    "pre_load": "the spool creeps between stiff contacts, so that its acceleration is the small difference of large "
+    "forces: what the integrators' errors leave of it is noise on both sides",
+    "lossy_gear_demo2": "the gear holds a shaft whose bearing slides at 1e-12 rad/s in the native run and is stuck in "
+    "the FMU, which sets a speed that passes zero to zero",
+}
+
+
+def outside(rows):
+    """Return a line for each model with a variable outside of the tube around the native run."""
+    lines = []
+    for name, row in sorted(rows.items()):
+        runs = {kind: run for kind, run in row["runs"].items() if run["native"] > 1}
+        if runs:
+            variables = sorted({f"`{run['variable']}`" for run in runs.values()})
+            reason = REASONS.get(name.rpartition("/")[2], "not explained yet")
+            lines.append(f"- {name}: {', '.join(variables)} ({', '.join(runs)}): {reason}.")
+    return ["Outside of the tube around the native run:", "", *lines, ""] if lines else []
 
 
 def figures(run):

@@ -164,7 +164,7 @@ static void reset(Instance *c) {
     s->early_return_allowed = early;
     s->phase = INSTANTIATED;
     s->next_event = HUGE_VAL;
-    s->tolerance = 1e-6;
+    s->tolerance = TOLERANCE;
     memcpy(s->p, P_START, N_P * sizeof(double));
     memcpy(s->u, U_START, N_U * sizeof(double));
     memcpy(s->point, V_START, N_V * sizeof(double));
