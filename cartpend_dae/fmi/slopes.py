@@ -156,11 +156,7 @@ def _own_slopes(unit: Unit, flat: dict[str, float]) -> dict[int, float]:
 
 def gives_directional(joint: Joint) -> bool:
     """Whether every FMU of the model says that it gives directional derivatives."""
-    for unit in joint.units:
-        exchange = unit.placed.fmu.model_description.modelExchange
-        if exchange is None or not exchange.providesDirectionalDerivative:
-            return False
-    return True
+    return all(unit.placed.fmu.description.gives_directional for unit in joint.units)
 
 
 def _jacobians(native: NativeSide, where: list[int]) -> ca.Function:
