@@ -89,7 +89,7 @@ def identify_with_fmus(
         solved = least_squares(
             problem.residuals,
             found,
-            problem.slopes,
+            problem.slopes,  # type: ignore[arg-type]  # scipy's stub knows only the texts
             args=(weights,),
             bounds=(low, high),
             x_scale=scale,
