@@ -118,6 +118,8 @@ def march(plant: Plant, x: np.ndarray, grid: np.ndarray, tolerance: Tolerance) -
                 if crowd > CROWD:
                     raise SolverError(f"{plant.name}: events follow each other without end at {time:.6g} s.")
                 x, last, n_events = plant.event(time, x), time, n_events + 1
+        if plant.next_time() <= end + RESOLUTION * max(1.0, abs(end)):
+            x, n_events = plant.event(end, x), n_events + 1
         record.until(end, lambda _: x, is_end=True)
     except EndedByModel:
         pass
