@@ -211,6 +211,7 @@ def test_a_model_without_fmu_and_one_with_it_in_simulate(hopper):
         simulate(loop(hopper(), Limited()), 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("force", [0.0, 6.0], ids=["bounces", "smooth"])
 def test_parameters_of_an_fmu_are_identified(hopper, force):
     """Of exact data the parameters come back, through bounces too; the fixed one by runs made anew."""

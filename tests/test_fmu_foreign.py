@@ -96,10 +96,10 @@ def test_an_fmu_3_of_casadi_meets_the_closed_form(lag):
 
 def test_a_crash_and_a_loop_are_contained_and_told(hopper):
     fmu = load_fmu(hopper)
-    with pytest.raises(SolverError, match=r"the FMU crashed \\(SIGSEGV\\) while it had to run for ME"):
+    with pytest.raises(SolverError, match=r"the FMU crashed \(SIGSEGV\) while it had to run for ME"):
         fmu.simulate(parameters={"misbehave": 1})
-    with pytest.raises(SolverError, match="was ended after 6 s while it had to run"):
-        fmu.simulate(parameters={"misbehave": 2}, limit=6.0)
+    with pytest.raises(SolverError, match="was ended after 25 s while it had to run"):
+        fmu.simulate(parameters={"misbehave": 2}, limit=25.0)
     with pytest.raises(SolverError, match=r"fails to compute its derivatives.*I refuse at 0.1"):
         fmu.simulate(parameters={"misbehave": 3})
 
@@ -112,7 +112,7 @@ def test_names_and_kinds_that_an_fmu_has_not(hopper):
         fmu.simulate(parameters={"mass": 1.0})
     with pytest.raises(ModelError, match="offers ME, not 'cs'"):
         fmu.simulate(kind="cs")
-    with pytest.raises(SolverError, match=r"`der\\(s\\)` cannot be set before a run"):
+    with pytest.raises(SolverError, match=r"`der\(s\)` cannot be set before a run"):
         fmu.simulate(start={"der(s)": 1.0}, contain=False)
     with pytest.raises(ModelError, match="must be numbers"):
         fmu.simulate(parameters={"k": "soft"})

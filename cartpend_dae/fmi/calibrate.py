@@ -87,13 +87,14 @@ def identify_with_fmus(
     weights = {name: 1.0 for name in problem.outputs}
     for _ in range(2):  # outputs of different units are comparable only once their noise is known
         solved = least_squares(
-            lambda x: problem.residuals(x, weights),
+            problem.residuals,
             found,
-            lambda x: problem.slopes(x, weights),
+            problem.slopes,  # type: ignore[arg-type]  # scipy's stub knows only the texts
+            args=(weights,),
             bounds=(low, high),
             x_scale=scale,
-            xtol=1e-10,
-            ftol=1e-12,
+            xtol=1e-7,
+            ftol=1e-9,
         )
         if not solved.success and solved.status < 1:
             raise SolverError(f"{problem.system.name}: the estimation does not converge: {solved.message}")

@@ -10,12 +10,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
 import numpy as np
 
 from cartpend_dae.data import Trajectory
 from cartpend_dae.errors import ModelError, StudyError
-from cartpend_dae.fmi.archive import unpacked
+from cartpend_dae.fmi.archive import DESCRIPTION, unpacked
 from cartpend_dae.fmi.contained import contained
 from cartpend_dae.fmi.drive import check_names, packed
 from cartpend_dae.fmi.instance import READABLE, Kind, element_names
@@ -63,6 +64,7 @@ class Description:
     stop: float | None
     tolerance: float | None
     platforms: tuple[str, ...]
+    gives_directional: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +211,7 @@ def load_fmu(path: Path | str) -> ForeignFmu:
             read = fmpy.read_model_description(str(folder), validate=False)
             platforms = tuple(fmpy.supported_platforms(str(folder)))
             variables = tuple(_variable(v) for v in read.modelVariables)
-            described = _described(read, platforms)
+            described = _described(read, platforms, _gives_directional(folder))
         except Exception as error:  # FMPy raises what its parsing code happens to meet
             reason = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}".rstrip(".")
             raise StudyError(f"{path}: its modelDescription.xml does not follow the standard ({reason}).") from None
@@ -237,7 +239,14 @@ def _variable(variable: "ModelVariable") -> ForeignVariable:
     )
 
 
-def _described(read: "ModelDescription", platforms: tuple[str, ...]) -> Description:
+def _gives_directional(folder: Path) -> bool:
+    """Whether the model exchange of an FMU gives directional derivatives; FMPy reads this of FMI 2.0 only."""
+    found = ElementTree.parse(folder / DESCRIPTION).find("ModelExchange")
+    names = ("providesDirectionalDerivative", "providesDirectionalDerivatives")
+    return found is not None and any(found.get(name) in ("true", "1") for name in names)
+
+
+def _described(read: "ModelDescription", platforms: tuple[str, ...], gives_directional: bool) -> Description:
     kinds: list[Kind] = []
     if read.modelExchange is not None:
         kinds.append("me")
@@ -262,6 +271,7 @@ def _described(read: "ModelDescription", platforms: tuple[str, ...]) -> Descript
         number("stopTime"),
         number("tolerance"),
         platforms,
+        gives_directional,
     )
 
 

@@ -7,7 +7,7 @@ hundred times faster.
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from cartpend_dae.inputs import Input, checked_inputs
 from cartpend_dae.language import Component
 from cartpend_dae.simulate import Asked, output_grid, prepared_run
 from cartpend_dae.system import System, parameters_of_all
+
+if TYPE_CHECKING:
+    from fmpy.model_description import ModelDescription
 
 AGREED = 1e-11
 ROUNDS, PLAIN_ROUNDS = 30, 3
@@ -109,12 +112,12 @@ class Unit:
         self.order = [self.read_outputs.names.index(name) for name in self.outputs]
         self.info = EventInfo(np.inf, False)
         self.given = np.zeros(len(self.inputs))
+        self.is_direct = _is_direct(fmu.model_description, set(self.inputs))
 
-    def give(self, values: np.ndarray) -> np.ndarray:
-        """Give the inputs, and return the outputs."""
+    def give(self, values: np.ndarray) -> None:
+        """Give the inputs."""
         self.given = values
         self.instance.set(dict(zip(self.inputs, values.tolist(), strict=True)))
-        return self.read_outputs()[self.order]
 
     def scale(self) -> np.ndarray:
         """Return the nominal values of the states."""
@@ -126,6 +129,14 @@ class Unit:
         self.info = info
         if info.terminate:
             raise EndedByModel
+
+
+def _is_direct(description: "ModelDescription", inputs: set[str]) -> bool:
+    """Whether an output answers an input at once, as far as the FMU says."""
+    return any(
+        output.dependencies is None or any(v.name in inputs for v in output.dependencies)
+        for output in description.outputs
+    )
 
 
 class Joint:
@@ -152,6 +163,7 @@ class Joint:
         self.driven = self._drive(inputs, hidden)
         self.jumps = self.driven.jumps(float(grid[0]), float(grid[-1]))
         self.since, self.y = float(grid[0]), np.zeros(len(hidden))
+        self._coupled: tuple[float, bytes] | None = None
         self.native: NativeSide
         self.n_falling = 0
 
@@ -184,7 +196,7 @@ class Joint:
         hidden = {self.system.inputs[i]: float(value) for i, value in zip(self.where, self.y, strict=True)}
         asked = Asked({**(self.asked.inputs or {}), **hidden}, self.asked.start, self.asked.parameters)
         self.native = NativeSide(prepared_run(self.system, grid, asked, with_times=False).begin, self.wanted)
-        self.n_falling = self.native.n_indicators
+        self.n_falling, self._coupled = self.native.n_indicators, None
 
     def _ask(self, time: float) -> np.ndarray:
         return self.native.wanted(time, self.native.x, self._inputs(time))
@@ -203,32 +215,45 @@ class Joint:
         ends = np.cumsum([len(unit.inputs) for unit in self.units])
         return np.split(values, ends[:-1])
 
-    def _answer(self, time: float, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Return the outputs of the FMUs when the model sees the outputs `y`."""
+    def _answer(self, time: float, x: np.ndarray, y: np.ndarray, *, reads: bool = True) -> np.ndarray:
+        """Give the FMUs their inputs when the model sees the outputs `y`, and return their outputs."""
         self.y = y
         u = self._inputs(time)
         self.native.algebraics(time, x, u)
         asked = self._divided(self.native.wanted(time, x, u))
-        return np.concatenate([unit.give(given) for unit, given in zip(self.units, asked, strict=True)] or [y])
+        for unit, given in zip(self.units, asked, strict=True):
+            unit.give(given)
+        return np.concatenate([unit.read_outputs()[unit.order] for unit in self.units]) if reads else y
 
     def _couple(self, time: float, joint: np.ndarray) -> np.ndarray:
         """Make both sides consistent at a point, and return the inputs of the model."""
+        point = (time, joint.tobytes())
+        if point == self._coupled:
+            return self._inputs(time)
+        self._coupled = None
         x = joint[: self.native.x.size]
         at = x.size
         for unit in self.units:
             n = unit.instance.n_x
             unit.instance.move(time, joint[at : at + n])
             at += n
+        if not any(unit.is_direct for unit in self.units):
+            y = np.concatenate([unit.read_outputs()[unit.order] for unit in self.units])
+            self._answer(time, x, y, reads=False)
+            self._coupled = point
+            return self._inputs(time)
         y = self.y
         for k in range(ROUNDS):
             answer = self._answer(time, x, y)
             error = answer - y
             if np.all(np.abs(error) <= AGREED * (1 + np.abs(y))):
+                self._coupled = point
                 return self._inputs(time)
             y = answer if k < PLAIN_ROUNDS else y + self._newton(time, x, y, error)
         raise SolverError(
             f"{self.name}: at {time:.6g} s the FMUs and the model find no common values for "
-            f"{', '.join(f'`{n}`' for n in self.wanted)}: an output answers an input at once; put some dynamics between."
+            f"{', '.join(f'`{n}`' for n in self.wanted)}: an output answers an input at once; put some dynamics "
+            f"between."
         )
 
     def _newton(self, time: float, x: np.ndarray, y: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -275,6 +300,7 @@ class Joint:
         n = self.native.x.size
         for _ in range(ROUNDS):
             u = self._couple(time, x)
+            self._coupled = None
             own, changed = self.native.decide(time, x[:n], u)
             for unit in self.units:
                 unit.take(unit.instance.event(dict(zip(unit.inputs, unit.given.tolist(), strict=True))))

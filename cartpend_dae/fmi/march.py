@@ -118,6 +118,8 @@ def march(plant: Plant, x: np.ndarray, grid: np.ndarray, tolerance: Tolerance) -
                 if crowd > CROWD:
                     raise SolverError(f"{plant.name}: events follow each other without end at {time:.6g} s.")
                 x, last, n_events = plant.event(time, x), time, n_events + 1
+        if plant.next_time() <= end + RESOLUTION * max(1.0, abs(end)):
+            x, n_events = plant.event(end, x), n_events + 1
         record.until(end, lambda _: x, is_end=True)
     except EndedByModel:
         pass
@@ -160,7 +162,7 @@ def _smooth(
         is_last = solver.status == "finished"
         record.until(solver.t, lambda t, d=dense: real(d(t)))
         now = real(solver.y)
-        watch.rise(solver.t, now)
+        watch.rise()
         if plant.completed(solver.t, now) or (is_last and bound < end):
             return solver.t, now, True
     return bound, real(solver.y), False
@@ -170,18 +172,17 @@ class _Watch:
     """The signs of indicators since the last event."""
 
     def __init__(self, plant: Plant, signs: np.ndarray) -> None:
-        self._plant, self.signs = plant, signs
+        self._plant, self.signs, self._last = plant, signs, signs
         self._falls = np.arange(signs.size) < plant.n_falling
 
     def is_crossed(self, time: float, x: np.ndarray) -> bool:
         """Whether an indicator has another sign than before."""
-        signs = self._plant.indicators(time, x) > 0
+        signs = self._last = self._plant.indicators(time, x) > 0
         return bool(np.any(np.where(self._falls, self.signs & ~signs, self.signs != signs)))
 
-    def rise(self, time: float, x: np.ndarray) -> None:
-        """Take note of what has risen above zero and may fall."""
-        if self._falls.any():
-            self.signs = np.where(self._falls, self.signs | (self._plant.indicators(time, x) > 0), self.signs)
+    def rise(self) -> None:
+        """Take note of what has risen above zero, as it was seen last, and may fall."""
+        self.signs = np.where(self._falls, self.signs | self._last, self.signs)
 
 
 def _crossed(

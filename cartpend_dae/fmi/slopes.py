@@ -6,6 +6,7 @@ differences.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -108,7 +109,7 @@ class JointSlopes:
         for block in answers:
             b[row : row + block.shape[0], column : column + block.shape[1]] = block
             row, column = row + block.shape[0], column + block.shape[1]
-        return np.linalg.solve(np.eye(a.size) - b @ wanted_y, a + b @ wanted)
+        return np.asarray(np.linalg.solve(np.eye(a.size) - b @ wanted_y, a + b @ wanted), dtype=float)
 
     def indicators(self, time: float, x: FloatArray) -> FloatArray:
         """Return those of the run itself; an event ends the slopes."""
@@ -132,10 +133,10 @@ class _References:
 
     def __init__(self, unit: Unit) -> None:
         table = {v.name: v.valueReference for v in unit.placed.fmu.model_description.modelVariables}
-        derivatives = unit.placed.fmu.model_description.derivatives
+        derivatives: list[Any] = [d.variable for d in unit.placed.fmu.model_description.derivatives]
         self.instance = unit.instance
-        self.rates = [d.variable.valueReference for d in derivatives]
-        self.states = [d.variable.derivative.valueReference for d in derivatives]
+        self.rates = [d.valueReference for d in derivatives]
+        self.states = [d.derivative.valueReference for d in derivatives]
         self.inputs = [table[name] for name in unit.inputs]
         self.outputs = [table[name] for name in unit.outputs]
 
@@ -156,11 +157,7 @@ def _own_slopes(unit: Unit, flat: dict[str, float]) -> dict[int, float]:
 
 def gives_directional(joint: Joint) -> bool:
     """Whether every FMU of the model says that it gives directional derivatives."""
-    for unit in joint.units:
-        exchange = unit.placed.fmu.model_description.modelExchange
-        if exchange is None or not exchange.providesDirectionalDerivative:
-            return False
-    return True
+    return all(unit.placed.fmu.description.gives_directional for unit in joint.units)
 
 
 def _jacobians(native: NativeSide, where: list[int]) -> ca.Function:
