@@ -16,7 +16,15 @@ from cartpend_dae.identify import Fit, outcome
 from cartpend_dae.inputs import Input
 from cartpend_dae.problem import Problem
 from cartpend_dae.sensitivity import sensitivities
-from cartpend_dae.shooting import Sensitivities, parameters_of_run, scaled_values, start_slopes, start_states
+from cartpend_dae.shooting import (
+    Sensitivities,
+    parameters_of_run,
+    run_through,
+    scaled_values,
+    start_slopes,
+    start_states,
+)
+from cartpend_dae.shooting import sensitivities as stepped_sensitivities
 from cartpend_dae.simulate import simulate
 from cartpend_dae.transcribe import stack_data
 
@@ -24,6 +32,9 @@ STEPS, HALVINGS = 6, 4
 # of the cost: what a step promises when it is the last one, 0.2 standard deviations of any estimate; what is left then
 # is of second order
 LAST = 2e-2
+# so many steps are tried with the derivatives of the fixed steps, from where they promise no more than this: some
+# standard deviations
+CHORDS, NEAR = 3, 5.0
 # part of what it promises by which a step must lower the cost, and rounding of the integration
 ARMIJO, ROUNDING = 1e-2, 1e-6
 # samples times steps between them times directions, and what a run costs by itself in these: measured at 7 to 55 us
@@ -101,6 +112,8 @@ def refined(problem: Problem, fit: Fit) -> Fit:
     """
     work = _work(problem, fit)
     start = np.clip(scaled_values(problem, fit.point), work.lower, work.upper)
+    if (near := _adjusted(work, fit, start)) is not None:
+        return near
     point, slopes = _differentiated(work, start)
     for iteration in range(STEPS):
         hessian, pull = _normal_equations(problem, point, slopes)
@@ -114,6 +127,28 @@ def refined(problem: Problem, fit: Fit) -> Fit:
             raise SolverError("its exact form has another optimum, towards which no step lowers the cost")
         point, slopes = _differentiated(work, found.values)
     raise SolverError(f"{STEPS} steps on its exact form did not suffice")
+
+
+def _adjusted(work: _Work, fit: Fit, values: np.ndarray) -> Fit | None:
+    """Take a few steps with the derivatives of the fixed steps, which are right to second order in their length.
+
+    None where these do not lead to where they promise nothing more: the exact form is differentiated then.
+    """
+    point = _evaluated(work, values)
+    nodes = run_through(work.problem, values, fit.bandwidth, work.data)[1][:, :: work.problem.layout.length]
+    slopes = stepped_sensitivities(work.problem, values, nodes, fit.bandwidth, work.data).slopes
+    for iteration in range(CHORDS):
+        hessian, pull = _normal_equations(work.problem, point, slopes)
+        step = bounded_step(hessian, pull, work.lower - point.values, work.upper - point.values)
+        promised = -float(pull @ step + step @ hessian @ step / 2)
+        found = _searched(work, point, step, promised)
+        if promised < LAST:
+            best = found if found is not None and found.cost <= point.cost else point
+            return _fit_of(work, fit, best, slopes, iteration + 1)
+        if found is None or promised > NEAR:
+            return None
+        point = found
+    return None
 
 
 def _work(problem: Problem, fit: Fit) -> _Work:
