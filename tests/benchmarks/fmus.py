@@ -158,7 +158,8 @@ def section(rows):
         f"exchange (CVode) and as co-simulation. `validate_fmu` has no findings for {clean} of {len(rows)}.",
         f"{sum(inside)} of {n_runs} runs are inside the tubes. The figures are the worst use of the tube (1 is its",
         "edge): by all variables around the native simulation and, behind it for the reference examples, by the listed",
-        "ones around Dymola's result. Seconds are those of one export with `gcc -O2`, both kinds in one file, on two shared cores.",
+        "ones around Dymola's result. Seconds are those of one export with `gcc -O2`, both kinds in one file, on two "
+        "shared cores.",
         "",
         "| model | states | indicators | export | 2.0 me | 2.0 cs | 3.0 me | 3.0 cs |",
         "|---|--:|--:|--:|--:|--:|--:|--:|",
