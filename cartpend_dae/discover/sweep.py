@@ -77,7 +77,7 @@ def sweep(
     """
     whole = (*taken, *options)
     system = without_events(assembled(bench.setup.model, whole, bench.setup.train), "An estimation")
-    system = _sliding(system, options)
+    system = _sliding(system, [i for i, place in enumerate(system.frictions.places) if _is_at(place, options)])
     problem = bench.problem_of(system, taken, whole, coarse=True)
     values = scaled_values(problem, point)
     w = np.full(len(problem.outputs), float(bandwidth))
@@ -90,7 +90,12 @@ def sweep(
     local = _local(problem, system, inside, values, w, data, states)
     names = tuple(name for insertion in options for name in insertion.size_names)
     growth = _growth(problem, system, inside, names, values, data, states)
-    found = _gathered(problem, values, local, growth, residual, inside, names, data)
+    # no rig sticks as its model does: what random forces move goes on as if it slid
+    free = local
+    if system.frictions.places:
+        loose = _sliding(system, list(range(len(system.frictions.places))))
+        free = _local(problem, loose, inside, values, w, data, states)
+    found = _gathered(problem, values, (local, free), growth, residual, inside, names, data)
     smooth = [name for name, is_rough in zip(names, _roughness(growth) > ROUGH, strict=True) if not is_rough]
     return replace(found, sizes={name: found.sizes[name] for name in smooth})
 
@@ -105,10 +110,9 @@ def _roughness(growth: "_Growth") -> np.ndarray:
     return np.where(np.isfinite(ratio) & (size < LOST), ratio, np.inf)
 
 
-def _sliding(system: System, options: tuple[Insertion, ...]) -> System:
-    """Return a system in which the dry friction of the options slides: at level 0 it does not matter how it sticks."""
+def _sliding(system: System, mine: list[int]) -> System:
+    """Return a system in which some dry frictions slide: at level 0 it does not matter how one sticks."""
     f = system.frictions
-    mine = [i for i, place in enumerate(f.places) if _is_at(place, options)]
     others = [i for i in range(len(f.places)) if i not in mine]
     if not mine:
         return system
@@ -308,7 +312,7 @@ def _growth(
 def _gathered(
     problem: Problem,
     values: np.ndarray,
-    local: _Local,
+    locals_: tuple[_Local, _Local],
     growth: _Growth,
     residual: np.ndarray,
     inside: list[int],
@@ -316,6 +320,7 @@ def _gathered(
     data: np.ndarray,
 ) -> Sweep:
     """Carry all sensitivities along the samples, and collect those of what was measured."""
+    local, free = locals_
     layout, n_y = problem.layout, len(problem.outputs)
     n, n_own, n_sizes = growth.left.shape
     n_state, n_all = local.transition.shape[1], values.size
@@ -327,6 +332,7 @@ def _gathered(
     pushes = h * (local.transition[:, :, :n_own] @ growth.left)
     pushes[:, :n_own] += h * growth.right
     moved = pushes - local.measured @ growth.outputs
+    loose = pushes + h * ((free.transition - local.transition)[:, :, :n_own] @ growth.left)
     eta = np.zeros((n_state, n_all + n_sizes))
     columns = np.zeros((n, n_y, n_all + n_sizes))
     owners = layout.owners[layout.runs]
@@ -344,7 +350,7 @@ def _gathered(
     measured = weight > 0
     flat = columns[measured]
     sizes = {name: flat[:, n_all + i] for i, name in enumerate(names)}
-    noise = local.measured / np.where(measured, weight, np.inf)[:, None, :]
+    noise = free.measured / np.where(measured, weight, np.inf)[:, None, :]
     first = tuple(segment * layout.length for segment in layout.first)
-    chain = Chain(names, local.transition, noise, pushes, local.error, measured, first, data[1])
+    chain = Chain(names, free.transition, noise, loose, free.error, measured, first, data[1])
     return Sweep(residual.T[measured], flat[:, :n_all], sizes, chain)

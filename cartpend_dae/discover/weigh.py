@@ -111,7 +111,7 @@ def weigh(
     names = near.names if near is not None else _distinct(found)
     chain = found.chain.only(tuple(name for name in names if name in found.chain.names))
     rows = chain.spread(np.column_stack([found.residual, found.base]))
-    rounds = 0 if is_rough else 2 if near is None else 1
+    rounds = 0 if is_rough else 2
     forces, criterion = _most_likely(chain, rows, _first_sets(found, chain, near), rounds)
     white = whitened(chain, rows, forces.sizes[None], forces.times[None])
     free = bench.problem(taken).layout.free
@@ -135,7 +135,10 @@ def _first_sets(found: Sweep, chain: Chain, near: Forces | None) -> tuple[np.nda
     if near is not None:
         places = [near.names.index(name) for name in chain.names]
         sizes, times = near.sizes[places], near.times[places]
-        return np.array([factor * sizes for factor in LEFT]), np.tile(times, (len(LEFT), 1))
+        sets = [(factor, time) for factor in LEFT for time in TIMES]
+        # forces of another time are as strong at low frequencies
+        scaled = [factor * sizes * np.sqrt(times / time) for factor, time in sets]
+        return np.array(scaled), np.array([np.full(times.size, time) for _, time in sets])
     whole = np.linalg.norm(found.residual)
     unit = np.array([whole / np.linalg.norm(found.sizes[name]) for name in chain.names])
     sets = [(0.0, TIMES[0]), *((share, time) for share in SHARES for time in TIMES)]
