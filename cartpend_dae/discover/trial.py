@@ -111,8 +111,8 @@ def _unlike(ranked: list[Candidate]) -> list[Candidate]:
     return found
 
 
-def _contains(candidate: Candidate, other: Candidate) -> bool:
-    """Return whether a candidate is a richer law than another one at the same place."""
+def _is_richer(candidate: Candidate, other: Candidate) -> bool:
+    """Return whether a candidate is the next richer law than another one at the same place."""
     one, two = candidate.insertion, other.insertion
     return one.place.at == two.place.at and one.card.id in two.card.nested_in
 
@@ -143,7 +143,7 @@ def _weighed_trials(bench: Workbench, base: Base, rules: Rules, options: list[In
     possible = [c for c in screened if not c.why_not]
     possible.sort(key=lambda c: len(c.insertion.size_names) * cost - c.predicted)
     few = _unlike([c for c in possible if c.predicted > HALF * cost * len(c.insertion.size_names)])[:FEW]
-    few += [c for c in possible if c not in few and any(_contains(c, other) for other in few)]
+    few += [c for c in possible if c not in few and any(_is_richer(c, other) for other in few)]
     rest = [c for c in screened if c.why_not]
     rest += [replace(c, why_not="others promise more") for c in possible if c not in few]
     for candidate in few:
