@@ -17,6 +17,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from cartpend_dae.assess import Assessment, RunError
 from cartpend_dae.data import Trajectory
 from cartpend_dae.discover.disturbed import penalty
+from cartpend_dae.discover.predicted import MIN_SHARE
 from cartpend_dae.discover.records import Candidate, Search
 from cartpend_dae.discover.trial import MIN_BIC_GAIN
 from cartpend_dae.errors import ModelError
@@ -127,7 +128,8 @@ def candidate_figure(search: Search) -> Figure:
     middles = -(np.cumsum(heights) - np.array(heights) / 2)
     figure = Figure(figsize=(10.5, 1.3 + 0.2 * sum(heights)), layout="constrained")
     bars, notes = figure.subplots(1, 2, width_ratios=[1.0, 0.62], sharey=True)
-    limit = MIN_BIC_GAIN if search.regime == "noise" else penalty(len(search.candidates))
+    limits = {"noise": MIN_BIC_GAIN, "disturbances": 100 * MIN_SHARE, "forces": penalty(len(search.candidates))}
+    limit = limits[search.regime]
     gains = [candidate.gain if candidate.fit is not None else 0.0 for candidate in shown]
     colors = [QUIET if candidate.why_not else AFTER for candidate in shown]
     bars.barh(middles, gains, height=1.1, color=colors)
@@ -137,12 +139,16 @@ def candidate_figure(search: Search) -> Figure:
         f"needed: {limit:.3g}", (limit, 1.0), (3, 2), color=BEFORE, fontsize=9,
         xycoords=("data", "axes fraction"), textcoords="offset points",
     )  # fmt: skip
-    what = "the Bayesian information criterion" if search.regime == "noise" else "-2 ln likelihood"
-    bars.set_xscale("symlog", linthresh=MIN_BIC_GAIN, linscale=0.8)
-    bars.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    bars.xaxis.set_minor_formatter(NullFormatter())
-    bars.set_xlim(min(-MIN_BIC_GAIN, 1.5 * min(gains, default=0.0)), 3 * max([*gains, 3 * MIN_BIC_GAIN]))
-    bars.set_xlabel(f"drop of {what} (logarithmic above 20)")
+    if search.regime == "disturbances":
+        bars.set_xlim(min(0.0, 1.1 * min(gains, default=0.0)), max(100.0, 1.1 * max(gains, default=0.0)))
+        bars.set_xlabel("cross-validated cost explained [%]")
+    else:
+        what = "the Bayesian information criterion" if search.regime == "noise" else "-2 ln likelihood"
+        bars.set_xscale("symlog", linthresh=MIN_BIC_GAIN, linscale=0.8)
+        bars.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        bars.xaxis.set_minor_formatter(NullFormatter())
+        bars.set_xlim(min(-MIN_BIC_GAIN, 1.5 * min(gains, default=0.0)), 3 * max([*gains, 3 * MIN_BIC_GAIN]))
+        bars.set_xlabel(f"drop of {what} (logarithmic above 20)")
     bars.set_yticks(middles, [_place_label(candidate) for candidate in shown])
     bars.set_ylim(-sum(heights) - 0.3, 0.3)
     _plain(bars)

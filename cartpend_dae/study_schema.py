@@ -338,7 +338,7 @@ class DiscoverSpec:
     places: tuple[str, ...] | None = None
     max_steps: Count = 5
     seed: Count = 0
-    regime: Literal["auto", "noise", "disturbances"] = "auto"
+    regime: Literal["auto", "noise", "disturbances", "forces"] = "auto"
 
 
 @dataclass(frozen=True, slots=True, config=_TABLE)

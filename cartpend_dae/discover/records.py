@@ -13,7 +13,7 @@ from cartpend_dae.programme import Hessian
 from cartpend_dae.study_schema import ScoreSpec
 from cartpend_dae.unknowns import Prior
 
-Regime = Literal["noise", "disturbances"]
+Regime = Literal["noise", "disturbances", "forces"]
 Verdict = Literal["explained", "improved", "no-discrepancy", "unexplained"]
 
 

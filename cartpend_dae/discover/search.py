@@ -3,17 +3,34 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from cartpend_dae.discover.disturbed import ALIKE, fitted, penalty
 from cartpend_dae.discover.evidence import bic, with_robust_sd
 from cartpend_dae.discover.gate import residuals
+from cartpend_dae.discover.predicted import MIN_SHARE, explained
 from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdict
+from cartpend_dae.discover.regime import best_bandwidth
 from cartpend_dae.discover.screen import candidates, screen
-from cartpend_dae.discover.trial import MIN_BIC_GAIN, NEAR, Base, Rules, is_nearly_all, step_of, try_all
+from cartpend_dae.discover.trial import (
+    MIN_BIC_GAIN,
+    NEAR,
+    Base,
+    Rules,
+    are_parallel,
+    is_nearly_all,
+    step_of,
+    try_all,
+)
 from cartpend_dae.discover.weigh import loads_at, weigh
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place
 from cartpend_dae.identify import Fit
 
+# regimes in which more than noise moves the rig
+MOVED = ("disturbances", "forces")
+# so many effects together stand for the whole catalogue where the bandwidth of predictions is sought
+RICH = 4
 # share of the random forces of the model before that is not small
 MUCH = 0.5
 # stages of decreasing output injection, in units of the dominant frequency
@@ -46,7 +63,7 @@ def search(
     base = _fit_base(bench, (), {}, noise)
     base = replace(base, bare=base.fit.chi2)
     gate = residuals(base.fit)
-    if not gate.is_passed and regime != "disturbances":
+    if not gate.is_passed and regime not in MOVED:
         return Search("noise", 0.0, base.fit, gate, base.fit, gate, (), (), "no-discrepancy", False)
     if regime is None and any(run.score != "free" for run in bench.setup.train):
         regime = "disturbances"  # who scores predictions knows that a free simulation drifts
@@ -54,12 +71,15 @@ def search(
     rules, start = noise, base
     library = (cards, places)
     try:
-        if regime != "disturbances":
+        if regime not in MOVED:
             base = _grow(bench, start, rules, library, max_steps, log)
-        if regime == "disturbances" or (regime is None and residuals(base.fit).is_passed):
+        if regime in MOVED or (regime is None and residuals(base.fit).is_passed):
             # no sum of effects leaves noise alone, so that something else moves the rig as well
             nearly, near = is_nearly_all(base), base
-            rules, start = _disturbed(bench, noise, start)
+            if regime == "forces":
+                rules, start = _forced(bench, noise, start)
+            else:
+                rules, start = _disturbed(bench, noise, start, log, library)
             if nearly:
                 base = _fit_base(bench, near.taken, _early(near, noise), rules)
             else:
@@ -69,7 +89,7 @@ def search(
         log.is_interrupted, base = True, log.base or start
     last_gate = residuals(base.fit)
     is_left = last_gate.is_passed or _pushes_remain(start, base)
-    if rules.regime == "disturbances":  # before and after are compared with the output injection that suits the last
+    if rules.regime == "forces":  # before and after are compared with the output injection that suits the last
         bandwidth = float(base.fit.bandwidth[0])
         start = Base((), {bandwidth: bench.fit((), start.fit.point, (bandwidth,), rules.sd)})
     return Search(
@@ -96,12 +116,38 @@ class _Log:
     is_interrupted: bool = False
 
 
-def _disturbed(bench: Workbench, noise: Rules, base: Base) -> tuple[Rules, Base]:
+def _disturbed(bench: Workbench, noise: Rules, base: Base, log: _Log, library: _Library) -> tuple[Rules, Base]:
+    """Weigh by predictions, with the bandwidth with which the most promising effects together predict best.
+
+    Weights are the innovations of the baseline, so that costs are of order one.
+    """
+    early = base.fits[noise.screening].point
+    ranked = [c for c in log.tried.values() if not c.why_not or c.fit is not None]
+    if not ranked:
+        screened = screen(bench, (), early, candidates(*library, ()), noise.screening, noise.sd)
+        ranked = [c for c in screened if not c.why_not]
+    rich = _distinct([step.candidate for step in log.steps] + ranked)[:RICH]
+    bandwidth = best_bandwidth(bench, rich, early, noise.sd)
+    fit = bench.fit((), {}, (bandwidth,), noise.sd)
+    rules = Rules("disturbances", (bandwidth,), bandwidth, fit.noise_sd, noise.loads)
+    return rules, replace(_fit_base(bench, (), fit.point, rules), bare=base.bare)
+
+
+def _distinct(ranked: list[Candidate]) -> list[Candidate]:
+    """Leave out those that move the data as one before them does."""
+    found: list[Candidate] = []
+    for candidate in ranked:
+        if not any(are_parallel(candidate, other) for other in found):
+            found.append(candidate)
+    return found
+
+
+def _forced(bench: Workbench, noise: Rules, base: Base) -> tuple[Rules, Base]:
     """Weigh against random forces, with the output injection that suits them."""
     early = base.fits[noise.screening]
     fit, weighed = fitted(bench, (), noise.loads, early.point, noise.screening, noise.sd)
     bandwidth = float(fit.bandwidth[0])
-    rules = Rules("disturbances", (bandwidth,), bandwidth, noise.sd, noise.loads)
+    rules = Rules("forces", (bandwidth,), bandwidth, noise.sd, noise.loads)
     return rules, Base((), {bandwidth: fit}, base.bare, weighed)
 
 
@@ -123,7 +169,7 @@ def _grow(bench: Workbench, base: Base, rules: Rules, library: _Library, max_ste
         base, steps = _prune(bench, base, steps, rules, len(options))
         base, steps = _swap(bench, base, steps, rules, library)
         log.steps, log.base = steps, base
-        if rules.regime == "noise" and not residuals(base.fit).is_passed:
+        if rules.regime != "forces" and not residuals(base.fit).is_passed:
             break
     return base
 
@@ -175,7 +221,7 @@ def _noise_rules(bench: Workbench, places: tuple[Place, ...]) -> Rules:
 
 
 def _fit_base(bench: Workbench, taken: tuple[Insertion, ...], guess: Mapping[str, float], rules: Rules) -> Base:
-    if rules.regime == "disturbances":
+    if rules.regime == "forces":
         fit, weighed = fitted(bench, taken, rules.loads, guess, rules.screening, rules.sd)
         return Base(taken, {float(fit.bandwidth[0]): fit}, 0.0, weighed)
     fits: dict[float, Fit] = {}
@@ -190,6 +236,8 @@ def _base_of(bench: Workbench, before: Base, taken: tuple[Insertion, ...], winne
     assert winner.fit is not None
     together = (*taken, winner.insertion)
     if rules.regime == "disturbances":
+        return Base(together, {rules.screening: winner.fit}, before.bare)
+    if rules.regime == "forces":
         bandwidth, point = float(winner.fit.bandwidth[0]), winner.fit.point
         weighed = weigh(bench, together, rules.loads, point, bandwidth, rules.sd)
         return Base(together, {bandwidth: winner.fit}, before.bare, weighed)
@@ -203,8 +251,12 @@ def _prune(bench: Workbench, base: Base, steps: list[Step], rules: Rules, n_opti
     for step in list(steps[:-1]):
         fewer = tuple(i for i in base.taken if i.prefix != step.candidate.insertion.prefix)
         trial = replace(_fit_base(bench, fewer, _early(base, rules), rules), bare=base.bare)
-        cost = MIN_BIC_GAIN if rules.regime == "noise" else penalty(n_options) * len(step.candidate.parameters)
-        is_needed = _criterion(trial) - _criterion(base) > cost
+        if rules.regime == "disturbances":
+            share, _ = explained(bench, (fewer, trial.fit), (base.taken, base.fit), rules.sd)
+            is_needed = share > MIN_SHARE
+        else:
+            cost = MIN_BIC_GAIN if rules.regime == "noise" else penalty(n_options) * len(step.candidate.parameters)
+            is_needed = _criterion(trial, rules) - _criterion(base, rules) > cost
         if not is_needed:
             base = trial
             steps = [s for s in steps if s.candidate.insertion.prefix != step.candidate.insertion.prefix]
@@ -227,7 +279,7 @@ def _swap(bench: Workbench, base: Base, steps: list[Step], rules: Rules, library
         if best is None or best.why_not or best.fit is None or best.insertion.prefix == old.candidate.insertion.prefix:
             continue
         other = _base_of(bench, base, fewer, best, rules)
-        if _criterion(base) - _criterion(other) <= (NEAR if rules.regime == "noise" else ALIKE):
+        if _criterion(base, rules) - _criterion(other, rules) <= (ALIKE if rules.regime == "forces" else NEAR):
             continue
         base = other
         steps = [*others, step_of(best, residuals(base.fit), ranked)]
@@ -236,9 +288,11 @@ def _swap(bench: Workbench, base: Base, steps: list[Step], rules: Rules, library
 
 def _early(base: Base, rules: Rules) -> dict[str, float]:
     """Return the fit of the stage of screening."""
-    return base.fit.point if rules.regime == "disturbances" else base.fits[rules.screening].point
+    return base.fit.point if rules.regime == "forces" else base.fits[rules.screening].point
 
 
-def _criterion(base: Base) -> float:
-    """Return what is compared between models: BIC, or -2 ln likelihood against random forces."""
+def _criterion(base: Base, rules: Rules) -> float:
+    """Return what is compared: BIC, percent of the cost of prediction, or -2 ln likelihood against random forces."""
+    if rules.regime == "disturbances":
+        return 100 * float(np.log(base.fit.chi2))
     return bic(base.fit) if base.weighed is None else base.weighed.criterion

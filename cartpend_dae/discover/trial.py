@@ -1,26 +1,26 @@
 """Stage 3: the most promising effects are fitted and judged, and one of them is put first."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cartpend_dae.discover.attempts import each
 from cartpend_dae.discover.disturbed import ALIKE as ALIKE_WEIGHED
 from cartpend_dae.discover.disturbed import fitted, judge, ordered, penalty
 from cartpend_dae.discover.evidence import bic, coloured_bic, determined
 from cartpend_dae.discover.gate import residuals
+from cartpend_dae.discover.predicted import trials
 from cartpend_dae.discover.records import Candidate, Gate, Regime, Step
 from cartpend_dae.discover.screen import screen
 from cartpend_dae.discover.weigh import Weighed
 from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.effects import Insertion
-from cartpend_dae.errors import ModelError, SolverError
+from cartpend_dae.errors import SolverError
 from cartpend_dae.identify import Fit
-from cartpend_dae.parallel import in_parallel
 
 # so many of the best predictions are fitted at the first stage, in so many steps, and the best of them to the end
 WIDE, NARROW, EARLY = 10, 4, 6
-# with disturbances: so many are fitted, of those that promise this share of what they must gain
+# against random forces: so many are fitted, of those that promise this share of what they must gain
 FEW, HALF = 5, 0.5
 # where no effect explains this share of chi2, the injection hides what is missing
 HIDDEN = 0.1
@@ -51,7 +51,7 @@ NOISE_ALONE = 1.12
 class Base:
     """The model so far: its fits by bandwidth, the last of which decides; `bare` is chi2 without any additions.
 
-    In the regime of disturbances its last fit is `weighed` against random forces.
+    In the regime of random forces its last fit is `weighed` against them.
     """
 
     taken: tuple[Insertion, ...]
@@ -82,6 +82,8 @@ class Rules:
 def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]) -> list[Candidate]:
     """Screen all, fit the most promising, and judge; the accepted one, if any, comes first."""
     if rules.regime == "disturbances":
+        return trials(bench, base.taken, base.fit, options, rules.sd)
+    if rules.regime == "forces":
         return _weighed_trials(bench, base, rules, options)
     stage, screened = _screened_where_it_shows(bench, base, rules, options)
     possible = [c for c in screened if not c.why_not]
@@ -91,7 +93,7 @@ def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
     rest += [replace(c, why_not="others promise more") for c in possible if c not in wide]
     for candidate in wide:
         bench.expect(candidate.parameters)
-    early = _each(bench, wide, lambda at, candidate: _tried(at, base, rules, stage, candidate), "first fit")
+    early = each(bench, wide, lambda at, candidate: _tried(at, base, rules, stage, candidate), "first fit")
     rest += [c for c in early if c.why_not]
     ranked = sorted((c for c in early if not c.why_not), key=lambda c: bic(c.fit) if c.fit else np.inf)
     few = ranked[:NARROW] + [c for c in ranked[NARROW:] if _is_simple(c)][:NARROW]
@@ -148,7 +150,7 @@ def _weighed_trials(bench: Workbench, base: Base, rules: Rules, options: list[In
     rest += [replace(c, why_not="others promise more") for c in possible if c not in few]
     for candidate in few:
         bench.expect(candidate.parameters)
-    judged = _each(
+    judged = each(
         bench,
         few,
         lambda at, c: judge(at, base.taken, rules.loads, (fit, weighed), c, rules.sd, len(options)),
@@ -168,37 +170,12 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate]) ->
             why = f"`{enough.insertion.prefix}` leaves nothing but noise with far fewer parameters"
             found += [replace(c, fit=None, why_not=why) for c in these]
             continue
-        found += _each(bench, these, lambda at, candidate: _judge(at, base, rules, candidate), "last fit")
+        found += each(bench, these, lambda at, candidate: _judge(at, base, rules, candidate), "last fit")
     return found
 
 
 def _leaves_noise(candidate: Candidate) -> bool:
     return candidate.fit is not None and residuals(candidate.fit).largest < CLEAN
-
-
-def _each(
-    bench: Workbench, items: list[Candidate], work: Callable[[Workbench, Candidate], Candidate], stage: str
-) -> list[Candidate]:
-    """Do a work on each candidate, in several processes if the workbench has them; failures say why."""
-    bench.begin(stage, len(items))
-    is_shared = bench.jobs > 1
-    at = bench.quiet() if is_shared else bench
-
-    def attempt(candidate: Candidate) -> tuple[dict[str, float], float, float, Fit | None, str, float | None]:
-        try:
-            done = work(at, candidate)
-        except (SolverError, ModelError) as error:
-            return candidate.parameters, 0.0, 0.0, None, f"its fit failed: {error}", candidate.early
-        return done.parameters, done.gain, done.t, done.fit, done.why_not, done.early
-
-    found = []
-    for candidate, result in zip(items, in_parallel(attempt, items, jobs=bench.jobs), strict=True):
-        parameters, gain, t, fit, why_not, early = result
-        new = {"parameters": parameters, "gain": gain, "t": t, "fit": fit, "why_not": why_not, "early": early}
-        found.append(replace(candidate, **new))
-        if is_shared and fit is not None:
-            bench.report(stage, candidate.insertion.prefix, float(np.sqrt(fit.chi2 / fit.n_residuals)))
-    return found
 
 
 def _tried(bench: Workbench, base: Base, rules: Rules, stage: float, candidate: Candidate) -> Candidate:

@@ -24,6 +24,11 @@ from cartpend_dae.report.text import all_candidates, discovery_sentence, identif
 from cartpend_dae.session import Opened
 
 Json = dict[str, Any]
+GAINS = {
+    "noise": "drop of BIC",
+    "disturbances": "share of the cost explained in %",
+    "forces": "drop of −2 ln likelihood",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +150,7 @@ def discovery_result(opened: Opened, discovery: Discovery, seconds: float) -> Js
             "places": _places(search),
             "candidates": [_candidate(candidate) for candidate in all_candidates(search)],
             "regime": search.regime,
-            "gain_label": "drop of BIC" if search.regime == "noise" else "drop of −2 ln likelihood",
+            "gain_label": GAINS[search.regime],
             "bandwidth": search.bandwidth,
             "gate": {"limit": LIMIT, "baseline": _gate(search.baseline_gate), "final": _gate(search.final_gate)},
             "interrupted": search.interrupted,

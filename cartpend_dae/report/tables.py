@@ -153,7 +153,9 @@ def candidate_table(search: Search) -> Table:
 
 def gain_label(search: Search) -> str:
     """Say what the gain of a candidate is in the regime of a search."""
-    return "drop of BIC" if search.regime == "noise" else "drop of\n-2 ln likelihood"
+    return {"noise": "drop of BIC", "disturbances": "share of\nthe cost %", "forces": "drop of\n-2 ln likelihood"}[
+        search.regime
+    ]
 
 
 def trajectory_table(system: System, trajectory: Trajectory) -> Table:
