@@ -56,7 +56,7 @@ class Machine:
     round: ca.Function
 
 
-def machine(system: System, span: float = 1.0) -> Machine:
+def machine(system: System, span: float = 1.0, *, slips: bool = False) -> Machine:
     """Describe a system by memory, indicators and decisions.
 
     Parameters
@@ -65,6 +65,8 @@ def machine(system: System, span: float = 1.0) -> Machine:
         A system with dry friction or events of its own.
     span
         Length of the whole run [s], against which events at one instant are told.
+    slips
+        Whether what rests right at its limit of friction slides, as a steady state that slides may ask for.
 
     Raises
     ------
@@ -88,7 +90,7 @@ def machine(system: System, span: float = 1.0) -> Machine:
     rigid = parallel_frictions(plain)
     whole = memory.whole
     force = _forces(law.free, law.influence, law.level_pos, law.level_neg, whole.modes, rigid) if n_f else ca.SX(0, 1)
-    step = _step(s, memory, force, law.speed, span)
+    step = _step(s, memory, force, law.speed, span, -MARGIN if slips else MARGIN / 2)
     indicators, places = _indicators(s, whole, force, law.speed)
     if h.relations.numel():
         force, indicators = ca.substitute([force, indicators], [h.relations], [whole.relations])
@@ -190,7 +192,7 @@ def _moving(s: System) -> ca.SX:
     return ca.vertcat(s.x, s.z, s.u, s.d, s.time)
 
 
-def _step(s: System, memory: Memory, force: ca.SX, speed: ca.SX, span: float) -> ca.Function:
+def _step(s: System, memory: Memory, force: ca.SX, speed: ca.SX, span: float, limit: float) -> ca.Function:
     """Return one round of decisions: (t, x, memory, z, u, p, is_first) -> (x, memory, whether anything changed)."""
     f, h, vector = s.frictions, s.hybrid, memory.vector
     memory = memory.whole
@@ -203,7 +205,7 @@ def _step(s: System, memory: Memory, force: ca.SX, speed: ca.SX, span: float) ->
     truths, values = ca.substitute([h.conditions, h.values], [h.symbols], [ca.vertcat(relations, ticks)])
     fires = truths * (1 - memory.held)
     x, discretes, stop, jumped = _acted(s, memory, fires, values)
-    x, modes = _modes(s, memory, force, speed, is_first, x)
+    x, modes = _modes(s, memory, force, speed, is_first, x, limit)
     next_tick = memory.next + ticks
     for i, target in enumerate(h.modes):
         if target >= 0:
@@ -265,8 +267,13 @@ def _acted(s: System, memory: Memory, fires: ca.SX, values: ca.SX) -> tuple[ca.S
     return x, discretes, stop, jumped
 
 
-def _modes(s: System, memory: Memory, force: ca.SX, speed: ca.SX, is_first: ca.SX, x: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Decide on the modes: what has come to rest sticks, and of what sticks the most overloaded slides."""
+def _modes(
+    s: System, memory: Memory, force: ca.SX, speed: ca.SX, is_first: ca.SX, x: ca.SX, limit: float
+) -> tuple[ca.SX, ca.SX]:
+    """Decide on the modes: what has come to rest sticks, and of what sticks the most overloaded slides.
+
+    It is overloaded where its force is beyond its level by more than the part `limit` of it.
+    """
     f = s.frictions
     n = f.force.numel()
     if not n:
@@ -298,7 +305,7 @@ def _modes(s: System, memory: Memory, force: ca.SX, speed: ca.SX, is_first: ca.S
     # what has just come to rest takes its share first: two on one motion slide only once both are at their limits
     comes_to_rest = ca.sum1(ca.logic_and(memory.modes != 0, column == 0)) > 0
     # a limit is passed by the margin where its event lies; what has come to rest right at its limit stays
-    released = ca.logic_and(ca.logic_and(loads >= ca.mmax(loads), loads > MARGIN / 2), ca.logic_not(comes_to_rest))
+    released = ca.logic_and(ca.logic_and(loads >= ca.mmax(loads), loads > limit), ca.logic_not(comes_to_rest))
     return x, ca.if_else(released, ca.if_else(force > 0, 1, -1), column)
 
 
@@ -365,7 +372,7 @@ def settled_modes(
     system: System, time: float, x: np.ndarray, modes: np.ndarray, z: np.ndarray, u: np.ndarray, p: np.ndarray
 ) -> np.ndarray:
     """Return the modes of dry friction that are consistent at a point, from a first guess; shape (n_f,)."""
-    made = machine(system)
+    made = machine(system, slips=True)
     memory = initial_memory(made, system, time, u, p)
     memory[: modes.size] = modes
     return np.asarray(made.settle(time, x, memory, z, u, p)[1]).ravel()[: modes.size]

@@ -14,8 +14,6 @@ ARMSTRONG = (
     "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994), 1083, 10.1016/0005-1098(94)90209-7"
 )
 WS = shape("w_s", (0.1, 1.0), ("v_s", (0.005, 0.05)))
-# a band of speeds that the data resolve is a Stribeck curve; break-away has a narrow one
-BAND = shape("w_s", (0.005,), ("v_s", (0.0005,)))
 PHI_S = shape("phi_s", (0.005, 0.05), ("s_s", (0.001, 0.01)))
 
 
@@ -72,7 +70,7 @@ def friction_cards() -> tuple[Card, ...]:
             summary="dry friction that is larger at rest than while sliding",
             insertion="parallel",
             components={R: rotational_losses.BreakawayFriction, T: translational_losses.BreakawayFriction},
-            parameters=(level("tau_c", "f_c"), level("tau_s", "f_s"), BAND),
+            parameters=(level("tau_c", "f_c"), level("tau_s", "f_s"), WS),
             dissipative=True,
             nested_in=(),
             equivalent_to={
