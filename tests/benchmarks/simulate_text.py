@@ -16,15 +16,13 @@ relative tolerance (the absolute one is a hundredth of it) that keeps the error 
 which `cvodes` with 1e-12 differs by {doubt:.1g}; the current reaches 37 A. Times are wall times, the fastest of up to
 15 runs in turns; peers run afterwards, three times, with the first tolerance of 2 a decade that is right."""
 
-WHY = """Both rows in which all is compiled set events against what takes about 7 ms, and are missed for the same
-reason: each of the 118 stops of the cart, and each of the 6,000 jumps of the held voltage, starts a transient of
-the current of 0.3 ms, which a step of 20 ms cannot pass over at an error of 1e-6. Where the smooth run takes some
-3,000 steps, the stops add 15 each, 1.5 times as many in all, each with two looks at the indicators and a third more
-arithmetic in the rates; the sampled run takes five steps a sample, 30,000, where three times the smooth run is 1.5
-a sample. Tried besides: explicit steps (limited by stability to 10 a sample, the same time), CasADi's `rosenbrock`
-and `erk` as machine code (3 and 10 times slower than the engine), the first step after a jump carried from one to
-the next (fewer rejected steps, in use), location of events by the slope of the dense output (2 steps an event
-instead of 6, in use), machine code for this very processor (`-march=native`: no gain)."""
+WHY = """Both rows in which all is compiled are missed for one reason: each stop of the cart, and each jump of the held
+voltage, starts a transient of the current, whose time constant L/R is far below a step of the smooth run, and
+an error of the limit above does not let a step pass over it. Besides, a step with dry friction has more
+arithmetic in its rates and two looks at the indicators. Tried besides: explicit steps (limited by stability,
+no faster on the sampled loop); CasADi's `rosenbrock` and `erk` as machine code (slower than the engine); the
+first step after a jump carried from one to the next (in use); location of events by the slope of the dense
+output (in use); machine code for this very processor (no gain)."""
 
 ROWS = {
     "yardstick": ("equations by hand", "cvodes"),
