@@ -10,10 +10,10 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.continuous import between_events
-from cartpend_dae.dae import friction_laws
+from cartpend_dae.dae import Friction, friction_laws
 from cartpend_dae.errors import ModelError
 from cartpend_dae.memory import N_NOTE, Memory
-from cartpend_dae.merge import parallel_frictions
+from cartpend_dae.merge import Motions, held_by_others, shared_motions
 from cartpend_dae.system import System
 
 # relative width of the band in which a holding force counts as at its limit
@@ -35,6 +35,9 @@ INSTANT, CROWD = 1e-9, 200
 HASTE, SHRINKS = 1e-6, 3
 
 CHATTER, ZENO = -1, -2
+
+# of each friction: whether another one on its motion sticks, and the force that it then lacks to stick
+Shared = tuple[tuple[ca.SX, ca.SX], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,11 +90,12 @@ def machine(system: System, span: float = 1.0, *, slips: bool = False) -> Machin
         note=ca.SX.sym("note", N_NOTE),
     )
     law = friction_laws(plain)
-    rigid = parallel_frictions(plain)
+    motions = shared_motions(plain)
     whole = memory.whole
-    force = _forces(law.free, law.influence, law.level_pos, law.level_neg, whole.modes, rigid) if n_f else ca.SX(0, 1)
-    step = _step(s, memory, force, law.speed, span, -MARGIN if slips else MARGIN / 2)
-    indicators, places = _indicators(s, whole, force, law.speed)
+    force = _forces(law, whole.modes, motions) if n_f else ca.SX(0, 1)
+    shared = held_by_others(motions, whole.modes, force, (law.level_pos, law.level_neg))
+    step = _step(s, memory, force, law.speed, shared, span, -MARGIN if slips else MARGIN / 2)
+    indicators, places = _indicators(s, whole, force, law.speed, shared)
     if h.relations.numel():
         force, indicators = ca.substitute([force, indicators], [h.relations], [whole.relations])
     return Machine(plain, memory, force, indicators, places, _settle(s, memory, step), step)
@@ -123,21 +127,29 @@ def _check_conditions(s: System) -> None:
         )
 
 
-def _forces(free: ca.SX, influence: ca.SX, pos: ca.SX, neg: ca.SX, modes: ca.SX, is_shared: tuple[bool, ...]) -> ca.SX:
-    """Solve: a sliding friction has its level, a stuck one keeps its relative acceleration at zero."""
+def _forces(law: Friction, modes: ca.SX, motions: Motions) -> ca.SX:
+    """Solve: a sliding friction has its level, a stuck one keeps its relative acceleration at zero.
+
+    Those that stick on one motion have no unique shares: each does as much work as the first of them.
+    """
     n = modes.numel()
+    before = {i: members[:k] for members in motions for k, (i, _) in enumerate(members)}
+    ratios = {i: ratio for members in motions for i, ratio in members}
     rows, right = [], []
     for i in range(n):
-        stuck = modes[i] == 0
-        # frictions on one motion have no unique shares; a small slope makes them so
-        slope = MARGIN * influence[i, i] if n > 2 or is_shared[i] else 0
-        unit = ca.SX.zeros(1, n)
-        unit[i] = 1
-        hold = ca.SX(influence[i, :])
-        hold[i] = hold[i] + slope
-        rows.append(ca.if_else(stuck, hold, unit))
-        slides = ca.if_else(modes[i] > 1, 0, ca.if_else(modes[i] > 0, pos[i], -neg[i]))
-        right.append(ca.if_else(stuck, -free[i], slides))
+        own, stuck = law.influence[i, i], modes[i] == 0
+        unit, share = ca.SX.zeros(1, n), ca.SX.zeros(1, n)
+        unit[i], share[i] = 1, own
+        hold = ca.SX(law.influence[i, :])
+        # frictions that close a ring have no unique forces either; a small slope makes them so
+        hold[i] = hold[i] + (MARGIN * own if n > 2 else 0)
+        follows = ca.SX(0)
+        for j, ratio in before.get(i, ()):
+            share[j] = ca.if_else(ca.logic_and(modes[j] == 0, ca.logic_not(follows)), -own * ratio / ratios[i], 0)
+            follows = ca.logic_or(follows, modes[j] == 0)
+        rows.append(ca.if_else(stuck, ca.if_else(follows, share, hold), unit))
+        slides = ca.if_else(modes[i] > 1, 0, ca.if_else(modes[i] > 0, law.level_pos[i], -law.level_neg[i]))
+        right.append(ca.if_else(stuck, ca.if_else(follows, 0, -law.free[i]), slides))
     return ca.solve(ca.densify(ca.vertcat(*rows)), ca.vertcat(*right)) if n > 1 else right[0] / rows[0]
 
 
@@ -154,7 +166,7 @@ def _band(s: System, k: int) -> ca.SX:
     return BAND * (1e-2 + sides) + TICK * (1 + ca.fabs(s.time)) * ca.fabs(rate)
 
 
-def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> tuple[ca.SX, tuple[str, ...]]:
+def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX, shared: Shared) -> tuple[ca.SX, tuple[str, ...]]:
     """Return what falls through zero at an event, from above, and its place; above zero once the run has stopped."""
     f, h = s.frictions, s.hybrid
     found: list[ca.SX] = []
@@ -165,7 +177,9 @@ def _indicators(s: System, memory: Memory, force: ca.SX, speed: ca.SX) -> tuple[
         # at the event that the limit is passed, even where it is zero
         up = (1 + MARGIN) * f.static_pos[i] + FREE / 2 - force[i]
         down = (1 + MARGIN) * f.static_neg[i] + FREE / 2 + force[i]
-        found.append(ca.if_else(mode == 0, up, ca.if_else(mode == 2, 1, mode * speed[i])))
+        is_held, excess = shared[i]
+        sliding = ca.if_else(is_held, excess + MARGIN * f.static_pos[i] + FREE / 2, mode * speed[i])
+        found.append(ca.if_else(mode == 0, up, ca.if_else(mode == 2, 1, sliding)))
         found.append(ca.if_else(mode == 0, down, 1))
         level = ca.fmax(f.static_pos[i], f.static_neg[i])
         if not level.is_constant() and ca.depends_on(level, ca.vertcat(_moving(s), h.symbols)):
@@ -192,7 +206,9 @@ def _moving(s: System) -> ca.SX:
     return ca.vertcat(s.x, s.z, s.u, s.d, s.time)
 
 
-def _step(s: System, memory: Memory, force: ca.SX, speed: ca.SX, span: float, limit: float) -> ca.Function:
+def _step(
+    s: System, memory: Memory, force: ca.SX, speed: ca.SX, shared: Shared, span: float, limit: float
+) -> ca.Function:
     """Return one round of decisions: (t, x, memory, z, u, p, is_first) -> (x, memory, whether anything changed)."""
     f, h, vector = s.frictions, s.hybrid, memory.vector
     memory = memory.whole
@@ -205,7 +221,7 @@ def _step(s: System, memory: Memory, force: ca.SX, speed: ca.SX, span: float, li
     truths, values = ca.substitute([h.conditions, h.values], [h.symbols], [ca.vertcat(relations, ticks)])
     fires = truths * (1 - memory.held)
     x, discretes, stop, jumped = _acted(s, memory, fires, values)
-    x, modes = _modes(s, memory, force, speed, is_first, x, limit)
+    x, modes = _modes(s, memory, force, speed, shared, is_first, x, limit)
     next_tick = memory.next + ticks
     for i, target in enumerate(h.modes):
         if target >= 0:
@@ -268,7 +284,7 @@ def _acted(s: System, memory: Memory, fires: ca.SX, values: ca.SX) -> tuple[ca.S
 
 
 def _modes(
-    s: System, memory: Memory, force: ca.SX, speed: ca.SX, is_first: ca.SX, x: ca.SX, limit: float
+    s: System, memory: Memory, force: ca.SX, speed: ca.SX, shared: Shared, is_first: ca.SX, x: ca.SX, limit: float
 ) -> tuple[ca.SX, ca.SX]:
     """Decide on the modes: what has come to rest sticks, and of what sticks the most overloaded slides.
 
@@ -289,6 +305,8 @@ def _modes(
         at_rest = ca.fabs(v) <= REST
         rests = ca.if_else(is_first, ca.logic_or(mode * v <= REST, mode == 2), ca.logic_or(mode * v < 0, mode == 2))
         rests = ca.logic_or(rests, ca.logic_and(at_rest, ca.fabs(before[i]) > REST))
+        is_held, excess = shared[i]
+        rests = ca.if_else(is_held, excess < -(MARGIN * f.static_pos[i] + FREE / 2) / 2, rests)
         slides = ca.logic_and(mode != 0, ca.logic_not(rests))
         new = ca.if_else(slides, mode, ca.if_else(at_rest, 0, ca.sign(v)))
         new = ca.if_else(mode == 0, ca.if_else(ca.fabs(v) > 1e3 * REST, ca.sign(v), 0), new)

@@ -15,6 +15,9 @@ from cartpend_dae.system import Frictions, System
 # share of a friction whose level is zero, so that shares are defined when all levels are
 _EPSILON = 1e-12
 
+# for each motion the frictions on it, with the speed of each over that of the first
+Motions = tuple[tuple[tuple[int, ca.SX], ...], ...]
+
 
 def merge_frictions(system: System) -> System:
     """Join dry frictions whose speeds are multiples of each other, with factors that only parameters decide.
@@ -86,10 +89,43 @@ def _feels_sums(system: System, rates: ca.SX, groups: list[list[tuple[int, ca.SX
     return np.all(values[:, 0] <= 1e-9 * (1 + values[:, 1]), axis=0).tolist()
 
 
+def shared_motions(system: System) -> Motions:
+    """Return the motions that several dry frictions share, with the speed of each over that of the first."""
+    return tuple(tuple(members) for members in _groups(system, shown=True) if len(members) > 1)
+
+
 def parallel_frictions(system: System) -> tuple[bool, ...]:
     """Return which dry frictions share their motion with another one."""
-    shared = {i for members in _groups(system, shown=True) if len(members) > 1 for i, _ in members}
+    shared = {i for members in shared_motions(system) for i, _ in members}
     return tuple(i in shared for i in range(system.frictions.force.numel()))
+
+
+def held_by_others(
+    motions: Motions, modes: ca.SX, force: ca.SX, levels: tuple[ca.SX, ca.SX]
+) -> tuple[tuple[ca.SX, ca.SX], ...]:
+    """Return for each dry friction whether it slides while another one on its motion sticks, and its need to slide.
+
+    While another one holds the motion, the speed is zero but for rounding, which must not decide what a friction at
+    its level does: it stays there until the ones that stick have a smaller share of the work each. The second value
+    is that share less the level, in the friction's own force; below zero this one sticks too.
+
+    Parameters
+    ----------
+    motions
+        The motions that are shared.
+    modes, force, levels
+        Of each friction: mode, force, and levels of sliding forward and backward, shape (n_f, 1).
+    """
+    found = [(ca.SX(0), ca.SX(1))] * modes.numel()
+    for members in motions:
+        for i, ratio in members:
+            others = [(modes[j] == 0, factor * force[j]) for j, factor in members if j != i]
+            n_stuck = sum((stuck for stuck, _ in others), ca.SX(0))
+            share = sum((ca.if_else(stuck, part, 0) for stuck, part in others), ca.SX(0)) / ca.fmax(n_stuck, 1)
+            level = ca.if_else(modes[i] > 0, levels[0][i], levels[1][i])
+            slides = ca.logic_and(ca.fabs(modes[i]) == 1, n_stuck > 0)
+            found[i] = slides, modes[i] * share / ratio - level
+    return tuple(found)
 
 
 def _groups(system: System, *, shown: bool = False) -> list[list[tuple[int, ca.SX]]]:
