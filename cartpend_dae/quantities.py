@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 Expression = ca.SX | float | int
 StateSelect = Literal["never", "avoid", "default", "prefer", "always"]
 STATE_SELECT: tuple[StateSelect, ...] = get_args(StateSelect)
+# how the name of an input ends that stands for an output of an FMU
+HIDDEN = " (of the FMU)"
 
 
 P = TypeVar("P", bound="Port")

@@ -4,7 +4,7 @@
 `identify_study` and `discover_study` are what the commands of the same names do.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -25,6 +25,7 @@ from cartpend_dae.language import Component
 from cartpend_dae.multistart import Route, fit_study
 from cartpend_dae.pieces import load_experiments
 from cartpend_dae.problem import Problem, make_problem
+from cartpend_dae.quantities import HIDDEN
 from cartpend_dae.recording import at
 from cartpend_dae.study import FreeParameter, Study, load_model, load_study, parameter_in_si
 from cartpend_dae.system import Parameter, System
@@ -32,6 +33,7 @@ from cartpend_dae.unknowns import Prior, tie
 from cartpend_dae.weak import too_slow
 
 Report = Callable[[str, str, float], None]
+Inner = Callable[[Component], Mapping[str, str]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +54,7 @@ class Opened:
     regime: Regime | None
 
 
-def open_study(path: Path | str, *, needs_runs: bool = True) -> Opened:
+def open_study(path: Path | str, *, needs_runs: bool = True, inner: Inner | None = None) -> Opened:
     """Read a study, its model and its runs.
 
     Parameters
@@ -61,6 +63,9 @@ def open_study(path: Path | str, *, needs_runs: bool = True) -> Opened:
         The study file.
     needs_runs
         False accepts a study without runs.
+    inner
+        Returns the units of the variables that stand inside of parts of a model whose equations are elsewhere, such
+        as FMUs; without it, such a model is refused.
 
     Raises
     ------
@@ -76,11 +81,17 @@ def open_study(path: Path | str, *, needs_runs: bool = True) -> Opened:
     added = _added(study, model)
     model = insert_all(model, added)
     system = assemble(model)
+    has_fmus = any(name.endswith(HIDDEN) for name in system.inputs)
+    if has_fmus and inner is None:
+        raise StudyError(
+            f"{study.path}: parts of {system.name} are FMUs, into which only `cartpend identify` and "
+            f"`simulate_with_fmus` look."
+        )
     free, fixed, ties, findings = _parameters(study, system)
     if fixed:
         set_values(model, fixed)
         system = assemble(model)
-    runs, wrong = _runs(study, system, added)
+    runs, wrong = _runs(study, system, added, inner(model) if inner and has_fmus else None)
     findings += wrong
     cards, wrong = _cards(study)
     findings += wrong
@@ -259,9 +270,11 @@ def _added(study: Study, model: Component) -> tuple[Insertion, ...]:
     return tuple(found)
 
 
-def _runs(study: Study, system: System, added: tuple[Insertion, ...]) -> tuple[list[Experiment], list[str]]:
-    """Load all runs, and check each against the model."""
-    units = {variable.name: variable.declaration.unit for variable in system.variables}
+def _runs(
+    study: Study, system: System, added: tuple[Insertion, ...], inner: Mapping[str, str] | None
+) -> tuple[list[Experiment], list[str]]:
+    """Load all runs, and check each against the model, if all of it is in its equations."""
+    units = {variable.name: variable.declaration.unit for variable in system.variables} | dict(inner or {})
     runs: list[Experiment] = []
     findings: list[str] = []
     for spec in study.experiments:
@@ -271,7 +284,7 @@ def _runs(study: Study, system: System, added: tuple[Insertion, ...]) -> tuple[l
             findings.append(str(error))
             continue
         try:
-            for run in pieces:
+            for run in pieces if inner is None else ():
                 problem = make_problem(system, (), (run,), step=study.identify.step)
                 if wrong := too_slow(problem):
                     findings.append(f"{at(run.name, spec.file)} {wrong}")

@@ -86,7 +86,7 @@ def uncertainty(
     prior = np.diag(known[inside])
     gram = sum((part.T @ part for part in flat), np.zeros((len(inside), len(inside)))) + prior
     middle = meat([run[:, :, inside] for run in slopes], noise) + prior
-    inverse, null, unseen = _inverse(gram)
+    inverse, null, unseen = seen_inverse(gram)
     covariance = np.zeros((len(everything), len(everything)))
     sandwich = inverse @ middle @ inverse
     covariance[np.ix_(inside, inside)] = with_piece_scatter(problem, inside, residuals, slopes, gram, sandwich)
@@ -118,7 +118,7 @@ def _bound_status(item: Free, value: float, information: float) -> Status:
     return "ok" if is_inside else "at-bound"
 
 
-def _inverse(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def seen_inverse(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the inverse on what the data see, the directions (n, n_null) that they do not see, and who is in them.
 
     A variable is in a direction by what it would do to the residuals, whatever its scale.

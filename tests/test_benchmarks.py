@@ -118,3 +118,23 @@ def test_the_closed_loop_by_hand_and_of_components_are_the_same_equations(monkey
         expected = [float(rate) for rate in hand.rates(time, state, np)]
         # sums of some twenty terms in double precision
         np.testing.assert_allclose([by_name[name] for name in composed.STATES], expected, rtol=1e-11)
+
+
+# --- FMUs --------------------------------------------------------------------------------------------------
+
+
+def test_the_page_shows_both_targets_of_the_fmu():
+    found = {"machine": "a machine", "version": "commit 1", "python": "3.11", "date": "2000-01-01", "load": 0.0}
+    found |= {"export": 4.0, "fmu": 1.0, "native": 0.5, "ratio": 2.0, "deviation": 1e-9, "repeats": 5}
+    text = page.text({"fmu": found})
+    assert "| 60 s at most 1.5 times as long as the native simulation | 2 | **no** |" in text
+    assert "| export under 5 s | 4 s | yes |" in text
+
+
+def test_a_section_takes_the_place_of_the_one_before(tmp_path):
+    path = tmp_path / "page.md"
+    path.write_text("# Page\n\n## One\n\nold\n\n## Two\n\nkept\n")
+    page.put_section(path, ["## One", "", "new", ""])
+    assert path.read_text() == "# Page\n\n## One\n\nnew\n\n## Two\n\nkept\n"
+    page.put_section(path, ["## Three", "", "more", ""])
+    assert path.read_text() == "# Page\n\n## One\n\nnew\n\n## Two\n\nkept\n\n## Three\n\nmore\n"

@@ -10,6 +10,10 @@ from cartpend_dae.bootstrap import Kind
 from cartpend_dae.console import console_of_results, say, spoken, watched
 from cartpend_dae.data_report import describe_data
 from cartpend_dae.demo import make_demo
+from cartpend_dae.discover import residuals
+from cartpend_dae.errors import StudyError
+from cartpend_dae.fmi.component import fmus_in, inner_units
+from cartpend_dae.fmi.joint_study import fit_with_fmus
 from cartpend_dae.planning import design_study
 from cartpend_dae.report import tables
 from cartpend_dae.report.beyond import beyond_sentences
@@ -22,7 +26,7 @@ from cartpend_dae.report.files import (
     write_identification,
 )
 from cartpend_dae.report.page import write_page
-from cartpend_dae.report.result import further, identification_of
+from cartpend_dae.report.result import Identification, further, identification_of
 from cartpend_dae.report.text import (
     alias_sentence,
     discovery_sentence,
@@ -30,7 +34,7 @@ from cartpend_dae.report.text import (
     ranking_sentence,
     remarks,
 )
-from cartpend_dae.session import discover_study, open_study, solve_study
+from cartpend_dae.session import Opened, discover_study, open_study, solve_study
 
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (TOML).")]
 Jobs = Annotated[int, typer.Option(min=1, metavar="N", help="Number of processes; results do not depend on it.")]
@@ -65,12 +69,29 @@ def identify(
     out = out or Path(f"{study.stem}-results")
     check_folder(out)
     begin = time.monotonic()
-    opened = open_study(study)
+    opened = open_study(study, inner=inner_units)
+    if any(fmus_in(opened.model)):
+        _identify_with_fmus(opened, out, begin, has_more=bool(profile or bootstrap))
+        return
     with watched() as report:
         problem, fit = solve_study(opened, report=report, jobs=jobs)
         asked = further(problem, fit, tuple(profile or ()), bootstrap, bootstrap_kind, opened.study.identify.seed, jobs)
         found = identification_of(opened, fit, problem, *asked)
         write_identification(out, opened, found, time.monotonic() - begin)
+    _tell_identification(opened, found, out)
+
+
+def _identify_with_fmus(opened: Opened, out: Path, begin: float, *, has_more: bool) -> None:
+    """Fit a model that FMUs are parts of, by joint runs."""
+    if has_more:
+        raise StudyError("`--profile` and `--bootstrap` cannot be used where parts of the model are FMUs.")
+    fit, errors = fit_with_fmus(opened)
+    found = Identification(fit, errors, residuals(fit))
+    write_identification(out, opened, found, time.monotonic() - begin, looks_ahead=False)
+    _tell_identification(opened, found, out)
+
+
+def _tell_identification(opened: Opened, found: Identification, out: Path) -> None:
     console = console_of_results()
     console.print(tables.error_table(found.errors, None))
     if found.errors.scores:

@@ -28,23 +28,35 @@ STEP, ALIKE = 1e-4, 1e-2
 
 @dataclass(frozen=True, slots=True)
 class MeasuredRun:
-    """A measured run: times (n,) [s], outputs by name (n,), NaN where nothing was measured, and what is known of it."""
+    """A measured run: times (n,) [s], outputs by name (n,), NaN where nothing was measured, and what is known of it.
+
+    `start` holds known start values, `free` the guesses of those that are to be found.
+    """
 
     times: FloatArray
     outputs: Mapping[str, FloatArray]
     inputs: Mapping[str, Input] = field(default_factory=dict)
     start: Mapping[str, float] = field(default_factory=dict)
+    free: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class JointFit:
-    """Estimates and their standard deviations by name, those of the residuals by output, and how slopes were found."""
+    """Estimates and their standard deviations by name, those of the residuals by output, and how slopes were found.
+
+    `starts` are the start values that were found, by run; `residuals` (n, n_outputs) and their `slopes`
+    (n, n_outputs, n_unknowns) those of each run, the outputs as in `residual_sd`, the unknowns parameters and then
+    starts; NaN and zero where nothing was measured.
+    """
 
     values: dict[str, float]
     sd: dict[str, float]
     residual_sd: dict[str, float]
     derivatives: Literal["directional", "differences"]
     n_runs: int
+    starts: tuple[dict[str, float], ...]
+    residuals: tuple[FloatArray, ...]
+    slopes: tuple[FloatArray, ...]
 
 
 def identify_with_fmus(
@@ -82,10 +94,10 @@ def identify_with_fmus(
     """
     problem = _Problem(model, runs, dict(free), dict(parameters or {}), rtol)
     low, high = problem.limits(dict(bounds or {}))
-    scale = np.array([abs(value) or 1.0 for value in free.values()])
-    found = np.clip(np.array(list(free.values()), dtype=float), low, high)
+    scale = np.array([abs(value) or 1.0 for value in problem.guess])
+    found = np.clip(problem.guess, low, high)
     weights = {name: 1.0 for name in problem.outputs}
-    for _ in range(2):  # outputs of different units are comparable only once their noise is known
+    for _ in range(min(len(weights), 2)):  # several outputs are comparable only once their noise is known
         solved = least_squares(
             problem.residuals,
             found,
@@ -100,17 +112,22 @@ def identify_with_fmus(
             raise SolverError(f"{problem.system.name}: the estimation does not converge: {solved.message}")
         found = solved.x
         weights = {name: 1 / max(value, 1e-300) for name, value in problem.residual_sd(found).items()}
-    slopes = problem.slopes(found, weights)
+    plain = {name: 1.0 for name in problem.outputs}
+    misses, slopes = problem.residuals(found, plain), problem.slopes(found, plain)
+    weight = problem.per_residual(weights)
     freedom = max(slopes.shape[0] - found.size, 1)
-    variance = float(np.sum(problem.residuals(found, weights) ** 2)) / freedom
-    covariance = np.linalg.pinv(slopes.T @ slopes) * variance
-    sd = dict(zip(free, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+    weighed = slopes * weight[:, None]
+    variance = float(np.sum((misses * weight) ** 2)) / freedom
+    sd = np.sqrt(np.diag(np.linalg.pinv(weighed.T @ weighed) * variance))
     return JointFit(
-        dict(zip(free, found.tolist(), strict=True)),
-        sd,
+        dict(zip(free, found[: len(free)].tolist(), strict=True)),
+        dict(zip(free, sd[: len(free)].tolist(), strict=True)),
         problem.residual_sd(found),
         "directional" if problem.how == "directional" else "differences",
         problem.n_runs,
+        problem.starts(found),
+        problem.spread(misses[:, None], np.nan, -1.0),
+        problem.spread(slopes, 0.0, -1.0),
     )
 
 
@@ -127,10 +144,12 @@ class _Problem:
     ) -> None:
         self.system, self.placed = assemble(model), list(fmus_in(model))
         self.runs, self.free, self.fixed, self.rtol = runs, list(free), fixed, rtol
+        self.begun = [(k, name) for k, run in enumerate(runs) for name in run.free]
+        self.guess = np.array([*free.values(), *(runs[k].free[name] for k, name in self.begun)], dtype=float)
         self.outputs = list(dict.fromkeys(name for run in runs for name in run.outputs))
         self.how: Literal["directional", "differences", "unknown"] = "unknown"
         self.n_runs = 0
-        if not free:
+        if not self.guess.size:
             raise ModelError(f"{self.system.name}: name at least one parameter to be found.")
         for name in free:
             self.system.parameter_index(name)
@@ -148,16 +167,46 @@ class _Problem:
             min(bounds.get(n, (0, np.inf))[1], np.inf if d.max is None else d.max)
             for n, d in zip(self.free, declared, strict=True)
         ]
-        return np.array(low), np.array(high)
+        more = np.full(len(self.begun), np.inf)
+        return np.array([*low, *-more]), np.array([*high, *more])
+
+    def parameters(self, x: FloatArray) -> dict[str, float]:
+        """Return the values of all parameters that are given, by name."""
+        return self.fixed | dict(zip(self.free, x[: len(self.free)].tolist(), strict=True))
+
+    def starts(self, x: FloatArray) -> tuple[dict[str, float], ...]:
+        """Return the start values that are found, for each run."""
+        found: list[dict[str, float]] = [{} for _ in self.runs]
+        for (k, name), value in zip(self.begun, x[len(self.free) :].tolist(), strict=True):
+            found[k][name] = value
+        return tuple(found)
+
+    def per_residual(self, weights: Mapping[str, float]) -> FloatArray:
+        """Return the weight of each residual (n_residuals,)."""
+        counts = [(weights[name], np.isfinite(v).sum()) for run in self.runs for name, v in run.outputs.items()]
+        return np.concatenate([np.full(n, weight) for weight, n in counts])
+
+    def spread(self, rows: FloatArray, empty: float, sign: float) -> tuple[FloatArray, ...]:
+        """Return rows (n_residuals, m) by run as (n, n_outputs, m), m left out if it is 1; `sign` multiplies them."""
+        found, at = [], 0
+        for run in self.runs:
+            values = np.full((len(run.times), len(self.outputs), rows.shape[1]), empty)
+            for name, measured in run.outputs.items():
+                known = np.isfinite(measured)
+                n = int(known.sum())
+                values[known, self.outputs.index(name)] = sign * rows[at : at + n]
+                at += n
+            found.append(values)
+        return tuple(values[:, :, 0] if np.isnan(empty) else values for values in found)
 
     def _simulated(self, x: FloatArray) -> list[dict[str, FloatArray]]:
-        parameters = self.fixed | dict(zip(self.free, x.tolist(), strict=True))
+        parameters = self.parameters(x)
         rows = []
-        for run in self.runs:
+        for run, begun in zip(self.runs, self.starts(x), strict=True):
             self.n_runs += 1
             made = run_system(
-                self.system, self.placed, np.asarray(run.times, dtype=float), run.inputs, run.start, parameters,
-                self.rtol, 1e-2 * self.rtol,
+                self.system, self.placed, np.asarray(run.times, dtype=float), run.inputs, {**run.start, **begun},
+                parameters, self.rtol, 1e-2 * self.rtol,
             )  # fmt: skip
             if made.time.size < len(run.times):
                 raise SolverError(
@@ -207,42 +256,61 @@ class _Problem:
         """Return the slopes by directional derivatives, None where an FMU has none of them or a run has events."""
         if not set(self.outputs) <= set(self.system.positions[0]):
             return None
-        parameters = self.fixed | dict(zip(self.free, x.tolist(), strict=True))
         parts = []
         try:
-            for run in self.runs:
-                slopes = self._along(run, parameters)
+            for k, run in enumerate(self.runs):
+                slopes = self._along(k, x)
                 if slopes is None:
                     return None
-                for k, (name, values) in enumerate(run.outputs.items()):
-                    parts.append(weights[name] * slopes[np.isfinite(values), :, k])
+                for column, (name, values) in enumerate(run.outputs.items()):
+                    parts.append(weights[name] * slopes[np.isfinite(values), :, column])
         except SolverError:
             return None
         return np.concatenate(parts)
 
-    def _along(self, run: MeasuredRun, parameters: dict[str, float]) -> FloatArray | None:
-        """Return the slopes of a run's outputs, shape (n_times, n_free, n_outputs)."""
+    def _along(self, k: int, x: FloatArray) -> FloatArray | None:
+        """Return the slopes of the outputs of run k, shape (n_times, n_unknowns, n_outputs)."""
+        run = self.runs[k]
         grid = np.asarray(run.times, dtype=float)
+        own = [*range(len(self.free)), *(len(self.free) + i for i, (r, _) in enumerate(self.begun) if r == k)]
+        begins = [(self._begin(k, self._moved(x, i, 1)), self._begin(k, self._moved(x, i, -1))) for i in own]
+        widths = [2 * self._width(x, i) for i in own]
         self.n_runs += 1
         with ExitStack() as stack:
-            joint = Joint(self.system, self.placed, grid, dict(run.inputs), dict(run.start), parameters, stack)
+            joint = self._joint(k, x, stack)
             state = joint.begin(grid)
             if not gives_directional(joint):
                 return None
-            plant = JointSlopes(joint, self.free, list(run.outputs))
-            whole = np.concatenate([state, np.zeros(state.size * len(self.free))])
+            plant = JointSlopes(joint, self.free, list(run.outputs), n_starts=len(own) - len(self.free))
+            moved = [(high - low) / width for (high, low), width in zip(begins, widths, strict=True)]
+            whole = np.concatenate([state, *moved])
             rows, _ = march(plant, whole, grid, Tolerance(self.rtol, np.full(whole.size, 1e-2 * self.rtol)))
-        return rows.reshape(grid.size, len(self.free), len(run.outputs))
+        found = np.zeros((grid.size, x.size, len(run.outputs)))
+        found[:, own] = rows.reshape(grid.size, len(own), len(run.outputs))
+        return found
+
+    def _joint(self, k: int, x: FloatArray, stack: ExitStack) -> Joint:
+        run, grid = self.runs[k], np.asarray(self.runs[k].times, dtype=float)
+        start = {**run.start, **self.starts(x)[k]}
+        return Joint(self.system, self.placed, grid, dict(run.inputs), start, self.parameters(x), stack)
+
+    def _begin(self, k: int, x: FloatArray) -> FloatArray:
+        """Return all states of run k where it begins."""
+        with ExitStack() as stack:
+            return self._joint(k, x, stack).begin(np.asarray(self.runs[k].times, dtype=float))
+
+    def _width(self, x: FloatArray, i: int) -> float:
+        return STEP * (abs(x[i]) or 1.0)
+
+    def _moved(self, x: FloatArray, i: int, sign: int) -> FloatArray:
+        moved = x.copy()
+        moved[i] += sign * self._width(x, i)
+        return moved
 
     def _differences(self, x: FloatArray, weights: Mapping[str, float]) -> FloatArray:
         """Return the slopes by central differences of whole runs."""
         columns = []
         for i in range(x.size):
-            width = STEP * (abs(x[i]) or 1.0)
-            ends = []
-            for sign in (1, -1):
-                moved = x.copy()
-                moved[i] += sign * width
-                ends.append(self.residuals(moved, weights))
-            columns.append((ends[0] - ends[1]) / (2 * width))
+            ends = [self.residuals(self._moved(x, i, sign), weights) for sign in (1, -1)]
+            columns.append((ends[0] - ends[1]) / (2 * self._width(x, i)))
         return np.column_stack(columns)

@@ -14,8 +14,8 @@ from cartpend_dae.declarations import param, signal
 from cartpend_dae.errors import ModelError
 from cartpend_dae.fmi.foreign import ForeignFmu, load_fmu
 from cartpend_dae.language import Component, Param, Statements, parts_of
+from cartpend_dae.quantities import HIDDEN
 
-HIDDEN = " (of the FMU)"
 ANY = "any"
 
 
@@ -102,6 +102,12 @@ def fmus_in(model: Component, path: str = "") -> Iterator[Placed]:
         yield Placed(path, model.fmu)
     for name, part in parts_of(model).items():
         yield from fmus_in(part, f"{path}.{name}" if path else name)
+
+
+def inner_units(model: Component) -> dict[str, str]:
+    """Return the units of the scalar variables inside the FMUs of a model, by their names in it."""
+    placed = fmus_in(model)
+    return {p.name(v.name): _unit(v.unit) for p in placed for v in p.fmu.variables if v.elements == (v.name,)}
 
 
 def _unit(text: str) -> str:

@@ -14,13 +14,14 @@ import numpy as np
 from cartpend_dae.assemble import assemble
 from cartpend_dae.data import Trajectory
 from cartpend_dae.errors import ModelError, SolverError
-from cartpend_dae.fmi.component import HIDDEN, Placed, fmu_inputs, fmu_outputs, fmus_in
+from cartpend_dae.fmi.component import Placed, fmu_inputs, fmu_outputs, fmus_in
 from cartpend_dae.fmi.drive import Drive, drive, packed
 from cartpend_dae.fmi.instance import READABLE, EventInfo, Instance
 from cartpend_dae.fmi.march import EndedByModel, Tolerance, march
 from cartpend_dae.fmi.native_side import NativeSide
 from cartpend_dae.inputs import Input, checked_inputs
 from cartpend_dae.language import Component
+from cartpend_dae.quantities import HIDDEN
 from cartpend_dae.simulate import Asked, output_grid, prepared_run
 from cartpend_dae.system import System, parameters_of_all
 

@@ -91,6 +91,11 @@ class NativeSide:
         """Return the time of the next tick of a clock [s]."""
         return float(self._tick(self.memory, self.p))
 
+    def decisions(self) -> np.ndarray:
+        """Return what was decided at events, without the notes on them."""
+        made = self.begin.machine
+        return self.memory[: self.memory.size - (made.memory.note.numel() if made is not None else 0)]
+
     def decide(self, time: float, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, bool]:
         """Decide at an event: return the states after it, and whether anything changed."""
         made = self.begin.machine

@@ -1,8 +1,8 @@
 """Slopes of a joint run in parameters, along the run: S' = dF/dX S + dF/dp, with the directional derivatives of FMUs.
 
 Of the native side CasADi gives the Jacobians. Where outputs of FMUs and variables of the model depend on each other at
-once, the linear equations between their slopes are solved. Valid between events, so that runs with events are left to
-differences.
+once, the linear equations between their slopes are solved. Valid between events: runs with others than jumps of inputs
+are left to differences.
 """
 
 from collections.abc import Sequence
@@ -17,19 +17,20 @@ from cartpend_dae.fmi.joint import Joint, Unit
 from cartpend_dae.fmi.native_side import NativeSide
 from cartpend_dae.system import parameters_of_all
 
-STEP = 1e-6
+STEP, SAME = 1e-6, 1e-12
 
 
 class JointSlopes:
     """A joint run with its slopes in some parameters as further states, as `march` wants it.
 
-    `parts` (n_free) hold the slopes of the native parameters, and for each FMU those of its own parameters.
+    `parts` (n_free) hold the slopes of the native parameters, and for each FMU those of its own parameters. The last
+    `n_starts` slopes are those in start values, which move nothing but the states at the begin.
     """
 
     n_falling = 0
 
-    def __init__(self, joint: Joint, free: Sequence[str], measured: Sequence[str]) -> None:
-        self.joint, self.name, self.n_free = joint, joint.name, len(free)
+    def __init__(self, joint: Joint, free: Sequence[str], measured: Sequence[str], *, n_starts: int = 0) -> None:
+        self.joint, self.name, self.n_free = joint, joint.name, len(free) + n_starts
         self.where = [joint.system.index_of(name) for name in measured]
         self._native = _jacobians(joint.native, self.where)
         system, p = joint.system, joint.native.p
@@ -40,6 +41,7 @@ class JointSlopes:
             ends = [parameters_of_all(system.flat, np.where(np.arange(p.size) == i, p + s * width, p)) for s in (1, -1)]
             flat = dict(zip([q.name for q in system.flat.parameters], (ends[0] - ends[1]) / (2 * width), strict=True))
             self.parts.append((np.eye(p.size)[i], [_own_slopes(unit, flat) for unit in joint.units]))
+        self.parts += [(np.zeros(p.size), [{} for _ in joint.units])] * n_starts
         self.references = [_References(unit) for unit in joint.units]
 
     def _split(self, joint: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -124,8 +126,16 @@ class JointSlopes:
         return self.joint.completed(time, self._split(x)[0])
 
     def event(self, time: float, x: FloatArray) -> FloatArray:
-        """Refuse: slopes jump at an event."""
-        raise SolverError(f"{self.name}: the run has an event at {time:.6g} s.")
+        """Go on where an input jumps and nothing else happens; refuse any other event, at which slopes jump."""
+        joint, native = self.joint, self.joint.native
+        own, _ = self._split(x)
+        is_jump = bool(np.any(np.abs(joint.jumps - time) <= SAME * max(1.0, abs(time))))
+        is_timed = min([native.next_tick(), *[unit.info.next_time for unit in joint.units]]) <= time
+        before = native.decisions()
+        after = joint.event(time, own)
+        if not is_jump or is_timed or not (np.array_equal(after, own) and np.array_equal(before, native.decisions())):
+            raise SolverError(f"{self.name}: the run has an event at {time:.6g} s.")
+        return x
 
 
 class _References:

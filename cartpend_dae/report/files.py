@@ -134,12 +134,17 @@ def write_discovery(folder: Path, opened: Opened, discovery: Discovery, seconds:
     return result
 
 
-def write_identification(folder: Path, opened: Opened, found: Identification, seconds: float) -> dict[str, Any]:
-    """Write all results of `identify` to a folder, and return what stands in `result.json`."""
+def write_identification(
+    folder: Path, opened: Opened, found: Identification, seconds: float, *, looks_ahead: bool = True
+) -> dict[str, Any]:
+    """Write all results of `identify` to a folder, and return what stands in `result.json`.
+
+    `looks_ahead` adds the errors over horizons, for which the package itself must be able to simulate the model.
+    """
     result = identification_result(opened, found, seconds)
     with complete(folder) as partial:
         result["files"] = {"runs": _runs(partial, found.errors, None, found.bands)}
-        result["horizons"] = plain(ahead_of_fit(opened.setup, found.fit))
+        result["horizons"] = plain(ahead_of_fit(opened.setup, found.fit)) if looks_ahead else []
         _json(partial / "result.json", result)
         _parameters(partial / "parameters.csv", opened, {"fit": found.fit})
     write_page(folder)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 RESULTS = HERE / "results"
-SECTIONS = ("scale", "simulate", "identify")
+SECTIONS = ("scale", "simulate", "identify", "fmu")
 
 
 def record(name, results):
@@ -34,6 +34,14 @@ def text(results):
         if name in results:
             lines += [*importlib.import_module(f"benchmarks.{name}_text").section(results[name]), ""]
     return "\n".join(lines)
+
+
+def put_section(page, lines):
+    """Put a section, whose first line is its title, into a page in place of the one that is there, else at its end."""
+    before, _, after = page.read_text().partition(f"{lines[0]}\n")
+    rest = after.partition("\n## ")
+    tail = f"## {rest[2]}" if rest[1] else ""
+    page.write_text("\n".join([before.rstrip(), "", *lines]).rstrip() + "\n" + (f"\n{tail}" if tail else ""))
 
 
 if __name__ == "__main__":

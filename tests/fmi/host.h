@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static int failures = 0, refusals = 0;
+static int failures = 0, refusals = 0, n_calls = 0;
 
 #define CHECK(condition)                                                                                               \
     do {                                                                                                               \
@@ -37,6 +37,9 @@ static unsigned below(unsigned n) {
     seed = seed * 48271 % 2147483647;
     return (unsigned)(seed % n);
 }
+
+/* Begin the numbers of sequence k. */
+static void begin_numbers(unsigned k) { seed = (k + 1) * 2654435761u % 2147483647 + 1; }
 
 static double number(void) {
     switch (below(12)) {

@@ -2,7 +2,8 @@
  *
  * KINDS is me, cs or both. MODE `run` runs as model exchange by Euler steps with events, and as co-simulation, reads and
  * writes every variable, and saves, serialises and restores on the way. MODE `random N` makes N random calls, in any
- * order, with any arguments. The variables' types are asked from the FMU itself. */
+ * order, with any arguments. MODE `sequences N` makes N sequences of up to 60 such calls, each from its own random numbers
+ * with instances of its own, and frees all at its end. The variables' types are asked from the FMU itself. */
 #include "fmi2Functions.h"
 #include "host.h"
 
@@ -20,7 +21,7 @@
 FUNCTIONS(DECLARE)
 #define LOAD(name) name = (fmi2##name##TYPE *)symbol("fmi2" #name);
 
-static const char *guid;
+static const char *guid, *kinds;
 static unsigned n_variables;
 static size_t n_x, n_i;
 
@@ -224,6 +225,37 @@ static void random_call(void) {
     case 45: SetDebugLogging(c, below(2), n % 3, words); GetBooleanStatus(c, (fmi2StatusKind)below(4), &a); break;
     }
     free(buffer);
+    n_calls++;
+}
+
+/* Free what random calls left: states by an instance of this moment, for theirs may be gone. */
+static void free_all(void) {
+    fmi2Component last = made(strcmp(kinds, "cs") ? fmi2ModelExchange : fmi2CoSimulation);
+    for (int j = 0; j < MOST; j++)
+        FreeFMUstate(last, &states[j]);
+    FreeInstance(last);
+    for (int k = 0; k < MOST; k++)
+        FreeInstance(instances[k]);
+    memset(instances, 0, sizeof instances);
+    memset(states, 0, sizeof states);
+}
+
+/* Make random calls from nothing, or from an instance that stands at an event, between events, or before a step. */
+static void sequence(unsigned number_of_it) {
+    fmi2EventInfo info;
+    begin_numbers(number_of_it);
+    unsigned begin = below(4), n = 1 + below(60);
+    int is_cs = !strcmp(kinds, "cs") || (strcmp(kinds, "me") && begin == 3);
+    if (begin) {
+        fmi2Component c = instances[below(MOST)] = made(is_cs ? fmi2CoSimulation : fmi2ModelExchange);
+        CHECK(SetupExperiment(c, fmi2True, 1e-6, 0, fmi2True, 1) == fmi2OK);
+        CHECK(EnterInitializationMode(c) == fmi2OK && ExitInitializationMode(c) == fmi2OK);
+        if (!is_cs && begin == 2)
+            CHECK(NewDiscreteStates(c, &info) == fmi2OK && EnterContinuousTimeMode(c) == fmi2OK);
+    }
+    for (unsigned k = 0; k < n; k++)
+        random_call();
+    free_all();
 }
 
 int main(int argc, char **argv) {
@@ -232,7 +264,7 @@ int main(int argc, char **argv) {
         return 2;
     }
     FUNCTIONS(LOAD)
-    guid = argv[2];
+    guid = argv[2], kinds = argv[6];
     n_variables = (unsigned)atoi(argv[3]);
     n_x = (size_t)atoi(argv[4]);
     n_i = (size_t)atoi(argv[5]);
@@ -245,20 +277,16 @@ int main(int argc, char **argv) {
         if (strcmp(argv[6], "me"))
             run_co_simulation();
     } else {
-        for (int k = 0; k < atoi(argv[8]); k++)
-            random_call();
-        for (int k = 0; k < MOST; k++) {
-            for (int j = 0; j < MOST; j++)
-                FreeFMUstate(instances[k], &states[j]);
+        int is_one = !strcmp(argv[7], "random");
+        for (int k = 0; k < atoi(argv[8]); k++) {
+            if (is_one)
+                random_call();
+            else
+                sequence((unsigned)k);
         }
-        fmi2Component last = made(strcmp(argv[6], "cs") ? fmi2ModelExchange : fmi2CoSimulation);
-        for (int j = 0; j < MOST; j++)
-            FreeFMUstate(last, &states[j]);
-        FreeInstance(last);
-        for (int k = 0; k < MOST; k++)
-            FreeInstance(instances[k]);
+        free_all();
         CHECK(refusals > 0);
     }
-    printf("%d refusals, %d failures\n", refusals, failures);
+    printf("%d calls, %d refusals, %d failures\n", n_calls, refusals, failures);
     return failures > 0;
 }

@@ -2,7 +2,9 @@
  *
  * KINDS is me, cs or both. MODE `run` runs as model exchange by Euler steps with events, and as co-simulation with and
  * without event mode, early return and intermediate update; reads and writes every variable, and saves, serialises and
- * restores on the way. MODE `random N` makes N random calls, in any order, with any arguments. */
+ * restores on the way. MODE `random N` makes N random calls, in any order, with any arguments; MODE `sequences N` makes N
+ * sequences of up to 60 such calls, each from its own random numbers with instances of its own, and frees all at its
+ * end. */
 #include <stdbool.h>
 
 #include "fmi3Functions.h"
@@ -29,7 +31,7 @@
 FUNCTIONS(DECLARE)
 #define LOAD(name) name = (fmi3##name##TYPE *)symbol("fmi3" #name);
 
-static const char *token;
+static const char *token, *kinds;
 static unsigned n_variables, n_updates;
 static size_t n_x, n_i;
 static int returns_early;
@@ -268,6 +270,40 @@ static void random_call(void) {
     case 41: DoStep(c, reals[0], 1e-3 * reals[1], true, truths, truths + 1, truths + 2, out); break;
     }
     free(buffer);
+    n_calls++;
+}
+
+/* Free what random calls left: states by an instance of this moment, for theirs may be gone. */
+static void free_all(void) {
+    fmi3Instance last = strcmp(kinds, "cs") ? exchange(token) : simulation(token, false, false, NULL);
+    for (int j = 0; j < MOST; j++)
+        FreeFMUState(last, &states[j]);
+    FreeInstance(last);
+    for (int k = 0; k < MOST; k++)
+        FreeInstance(instances[k]);
+    memset(instances, 0, sizeof instances);
+    memset(states, 0, sizeof states);
+}
+
+/* Make random calls from nothing, or from an instance that stands at an event, between events, or before a step. */
+static void sequence(unsigned number_of_it) {
+    double next;
+    bool ends, has_next;
+    begin_numbers(number_of_it);
+    unsigned begin = below(4), n = 1 + below(60);
+    int is_cs = !strcmp(kinds, "cs") || (strcmp(kinds, "me") && begin == 3);
+    bool event_mode = below(2);
+    if (begin) {
+        fmi3Instance c = instances[below(MOST)] = is_cs ? simulation(token, event_mode, below(2), updated) : exchange(token);
+        CHECK(EnterInitializationMode(c, true, 1e-6, 0, true, 1) == fmi3OK && ExitInitializationMode(c) == fmi3OK);
+        if (!is_cs && begin == 2)
+            CHECK(update(c, &ends, &has_next, &next) == fmi3OK && EnterContinuousTimeMode(c) == fmi3OK);
+        if (is_cs && event_mode)
+            CHECK(update(c, &ends, &has_next, &next) == fmi3OK && EnterStepMode(c) == fmi3OK);
+    }
+    for (unsigned k = 0; k < n; k++)
+        random_call();
+    free_all();
 }
 
 int main(int argc, char **argv) {
@@ -276,7 +312,7 @@ int main(int argc, char **argv) {
         return 2;
     }
     FUNCTIONS(LOAD)
-    token = argv[2];
+    token = argv[2], kinds = argv[6];
     n_variables = (unsigned)atoi(argv[3]);
     n_x = (size_t)atoi(argv[4]);
     n_i = (size_t)atoi(argv[5]);
@@ -293,16 +329,16 @@ int main(int argc, char **argv) {
         if (strcmp(argv[6], "me"))
             run_co_simulation(false, true, updated);
     } else {
-        for (int k = 0; k < atoi(argv[8]); k++)
-            random_call();
-        fmi3Instance last = strcmp(argv[6], "cs") ? exchange(token) : simulation(token, false, false, NULL);
-        for (int j = 0; j < MOST; j++)
-            FreeFMUState(last, &states[j]);
-        FreeInstance(last);
-        for (int k = 0; k < MOST; k++)
-            FreeInstance(instances[k]);
+        int is_one = !strcmp(argv[7], "random");
+        for (int k = 0; k < atoi(argv[8]); k++) {
+            if (is_one)
+                random_call();
+            else
+                sequence((unsigned)k);
+        }
+        free_all();
         CHECK(refusals > 0);
     }
-    printf("%d refusals, %d failures\n", refusals, failures);
+    printf("%d calls, %d refusals, %d failures\n", n_calls, refusals, failures);
     return failures > 0;
 }
