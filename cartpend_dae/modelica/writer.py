@@ -14,18 +14,17 @@ import numpy as np
 
 from cartpend_dae.assemble import assemble
 from cartpend_dae.continuous import between_events
-from cartpend_dae.dae import friction_laws
 from cartpend_dae.errors import ModelError
 from cartpend_dae.integrate import Begin
 from cartpend_dae.language import Component
-from cartpend_dae.merge import parallel_frictions
 from cartpend_dae.modelica.expressions import Text, identifier, literal, texts
+from cartpend_dae.modelica.friction_text import REST, FrictionText
 from cartpend_dae.quantities import Declaration
 from cartpend_dae.simulate import Asked, prepared_run
 from cartpend_dae.system import System
 
-# as in `events`: a static level below the first means free parts; the others leave no doubt at a limit
-FREE, MARGIN, REST = 1e-10, 1e-9, 1e-9
+# half width of the band in which a relation that takes part in a loop keeps its value, relative to its two sides
+BAND = 1e-10
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +97,7 @@ class _Body:
         self.discretes = parts.get("discretes", np.zeros(len(system.hybrid.discretes)))
         self.relations = [r > 0.5 for r in parts.get("relations", np.zeros(len(system.hybrid.relation_places)))]
         self.names = _names(system)
-        self.mode_names = [f"'mode({place})'" for place in system.frictions.places]
+        self.frictions = FrictionText(system, self.plain)
         self.shared: list[tuple[str, str]] = []
         self.main = self._main()
         self.inside = self._inside()
@@ -122,12 +121,9 @@ class _Body:
     def _main(self) -> list[str]:
         """Return the equations, and note the shared subexpressions."""
         s, h = self.system, self.system.hybrid
-        law = friction_laws(self.plain) if self.n_f else None
-        levels = [] if law is None else [law.speed, law.level_pos, law.level_neg, law.static_pos, law.static_neg]
-        hold = self._hold(law.free, law.influence) if law is not None else ca.SX(0, 1)
         known = [i for i, v in enumerate(s.variables) if v.name not in self._own()]
         driven = ca.SX(ca.vertcat(*self.given.values()))
-        columns = [driven, s.ode, s.alg, s.outputs[known, 0], h.differences, hold, *levels]
+        columns = [driven, s.ode, s.alg, s.outputs[known, 0], h.differences, _bands(s), *self.frictions.columns()]
         columns = [
             ca.substitute(c, h.pulses, ca.SX.zeros(h.pulses.numel())) if h.pulses.numel() else c for c in columns
         ]
@@ -136,43 +132,16 @@ class _Body:
         for column in columns:
             rows.append(found[at : at + column.numel()])
             at += column.numel()
-        driven, ode, alg, outputs, differences, holds, *friction = rows
+        driven, ode, alg, outputs, differences, bands, *friction = rows
         lines = [f"  {identifier(n)} = {t.number};" for n, t in zip(self.given, driven, strict=True)]
         lines += [f"  der({identifier(n)}) = {t.number};" for n, t in zip(s.states, ode, strict=True)]
         lines += [f"  0 = {t.number};" for t in alg]
         lines += [f"  {identifier(s.variables[i].name)} = {t.number};" for i, t in zip(known, outputs, strict=True)]
-        lines += [f"  relation_{k + 1} = {t.number} < 0;" for k, t in enumerate(differences)]
+        pairs = zip(_looped(s), bands, strict=True)
+        limits = {k: f"(if pre(relation_{k + 1}) then {t.number} else -{t.number})" for k, t in pairs}
+        lines += [f"  relation_{k + 1} = {t.number} < {limits.get(k, 0)};" for k, t in enumerate(differences)]
         lines += [f"  clock_{k + 1} = {code};" for k, code in enumerate(_clocks(s))]
-        return lines + self._friction_lines(holds, friction)
-
-    def _hold(self, free: ca.SX, influence: ca.SX) -> ca.SX:
-        """Return what is zero while frictions stick, in the unit of a force; for one alone, its force.
-
-        It is the relative acceleration over the influence of the force; a small share of the force makes shares unique.
-        """
-        force, rigid = self.system.frictions.force, parallel_frictions(self.plain)
-        if self.n_f == 1:
-            return -free / influence
-        rows = []
-        for i in range(self.n_f):
-            slope = MARGIN if self.n_f > 2 or rigid[i] else 0
-            rows.append((free[i] + ca.mtimes(influence[i, :], force)) / influence[i, i] + slope * force[i])
-        return ca.vertcat(*rows)
-
-    def _friction_lines(self, holds: list[Text], laws: list[list[Text]]) -> list[str]:
-        lines = []
-        for i, mode in enumerate(self.mode_names):
-            force = f"'dry_friction({self.system.frictions.places[i]})'"
-            speed, pos, neg, static_pos, static_neg = (column[i].number for column in laws)
-            level = f"(if {mode} == 1 or {mode} == 3 then {pos} else if {mode} == 2 then 0.0 else -{neg})"
-            if self.n_f == 1:
-                lines.append(f"  {force} = if {mode} == 0 then {holds[i].number} else {level};")
-            else:
-                lines.append(f"  0 = if {mode} == 0 then {holds[i].number} else {force} - {level};")
-            lines.append(f"  'speed({self.system.frictions.places[i]})' = {speed};")
-            lines.append(f"  'limit_pos({self.system.frictions.places[i]})' = {static_pos};")
-            lines.append(f"  'limit_neg({self.system.frictions.places[i]})' = {static_neg};")
-        return lines
+        return lines + self.frictions.lines(friction)
 
     def _own(self) -> set[str]:
         """Return the variables that are unknowns of their own, or given."""
@@ -205,10 +174,10 @@ class _Body:
             equations += _reinit(identifier(self.system.variables[target].name), cases)
         for i, target in enumerate(h.modes):
             if target >= 0:
-                mode = self.mode_names[i]
+                mode = self.frictions.mode_names[i]
                 shown = f"if {mode} == 3 then 1 else if {mode} == -3 then -1 else {mode}"
                 equations.append(f"  {identifier(self.system.variables[target].name)} = {shown};")
-        for lines in (*assigned.values(), *(self._mode_lines(i) for i in range(self.n_f))):
+        for lines in (*assigned.values(), *(self.frictions.decisions(i) for i in range(self.n_f))):
             algorithm += ["algorithm", *lines]
         return equations, algorithm
 
@@ -221,36 +190,6 @@ class _Body:
         self.shared += more
         n = h.conditions.numel()
         return [t.truth for t in found[:n]], [t.number for t in found[n:]]
-
-    def _mode_lines(self, i: int) -> list[str]:
-        mode, place = self.mode_names[i], self.system.frictions.places[i]
-        force, speed, pos, neg = (f"'{what}({place})'" for what in ("dry_friction", "speed", "limit_pos", "limit_neg"))
-        lines = [
-            f"  when pre({mode}) == 0 and {force} > {1 + MARGIN} * {pos} + {FREE / 2} then",
-            f"    {mode} := 3;",
-            f"  elsewhen pre({mode}) == 0 and -{force} > {1 + MARGIN} * {neg} + {FREE / 2} then",
-            f"    {mode} := -3;",
-            f"  elsewhen pre({mode}) == 3 and {speed} > {REST} then",
-            f"    {mode} := 1;",
-            f"  elsewhen pre({mode}) == -3 and {speed} < -{REST} then",
-            f"    {mode} := -1;",
-            f"  elsewhen pre({mode}) == 1 and {speed} < 0 or pre({mode}) == 3 and {speed} < -{1e3 * REST} then",
-            f"    {mode} := 0;",
-            f"  elsewhen pre({mode}) == -1 and {speed} > 0 or pre({mode}) == -3 and {speed} > {1e3 * REST} then",
-            f"    {mode} := 0;",
-        ]
-        f, s = self.system.frictions, self.system
-        levels = ca.vertcat(f.static_pos[i], f.static_neg[i])
-        moving = ca.vertcat(s.x, s.z, s.u, s.d, s.time, s.hybrid.symbols)
-        if ca.depends_on(levels, moving):
-            is_free = f"{pos} < {FREE} and {neg} < {FREE}"
-            lines += [
-                f"  elsewhen pre({mode}) <> 2 and {is_free} then",
-                f"    {mode} := 2;",
-                f"  elsewhen pre({mode}) == 2 and not ({is_free}) then",
-                f"    {mode} := if {speed} > {REST} then 1 else if {speed} < -{REST} then -1 else 0;",
-            ]
-        return [*lines, "  end when;"]
 
     def declarations(self) -> list[str]:
         """Return the declarations of all variables and parameters."""
@@ -272,9 +211,13 @@ class _Body:
                 more = [f"start={literal(begin[name])}"] + (["fixed=true"] if name in states else [])
             lines.append(_declared(kind, name, declaration, more))
         lines += [f"  Real {name};" for name, _ in self.shared]
-        lines += [f"  Boolean relation_{k + 1}(start={str(value).lower()});" for k, value in enumerate(self.relations)]
+        fixed = {k: ", fixed=true" for k in _looped(s)}
+        lines += [
+            f"  Boolean relation_{k + 1}(start={str(value).lower()}{fixed.get(k, '')});"
+            for k, value in enumerate(self.relations)
+        ]
         lines += [f"  Boolean clock_{k + 1};" for k in range(s.hybrid.pulses.numel())]
-        for place, mode, begins in zip(s.frictions.places, self.mode_names, self.modes, strict=True):
+        for place, mode, begins in zip(s.frictions.places, self.frictions.mode_names, self.modes, strict=True):
             lines.append(f"  Integer {mode}(start={begins}, fixed=true);")
             lines += [f"  Real '{what}({place})';" for what in ("dry_friction", "speed", "limit_pos", "limit_neg")]
         return lines
@@ -335,10 +278,32 @@ def _declared(kind: str, name: str, d: Declaration, more: list[str], value: str 
     return f'{text} "{doc}";' if doc else f"{text};"
 
 
+def _looped(system: System) -> list[int]:
+    """Return the relations that what they decide decides in turn: they are decided by rounds, with those before."""
+    s, h = system, system.hybrid
+    loop = ca.vertcat(h.relations, s.z, s.frictions.force)
+    return [k for k in range(h.relations.numel()) if loop.numel() and ca.depends_on(h.differences[k], loop)]
+
+
+def _bands(system: System) -> ca.SX:
+    """Return the half widths of the bands of relations in loops, lest rounding decides them in turn for ever."""
+    found = []
+    for k in _looped(system):
+        difference = system.hybrid.differences[k]
+        is_sum = difference.op() in (ca.OP_SUB, ca.OP_ADD)
+        sides = [difference.dep(0), difference.dep(1)] if is_sum else [difference]
+        found.append(BAND * (1e-2 + sum((ca.fabs(side) for side in sides), ca.SX(0))))
+    return ca.SX(ca.vertcat(*found))
+
+
 def _names(system: System) -> _Names:
     """Return what stands for the symbols of a system."""
     s, h = system, system.hybrid
     discretes = [identifier(s.variables[i].name) for i in h.discretes]
+    looped = _looped(s)
+    relations = [
+        f"pre(relation_{k + 1})" if k in looped else f"relation_{k + 1}" for k in range(len(h.relation_places))
+    ]
     fixed = {
         "time": (s.time, [Text("time")]),
         "x": (s.x, [Text(identifier(n)) for n in s.states]),
@@ -346,7 +311,7 @@ def _names(system: System) -> _Names:
         "u": (s.u, [Text(identifier(n)) for n in s.inputs]),
         "p": (s.p, [Text(identifier(q.name)) for q in s.parameters]),
         "force": (s.frictions.force, [Text(f"'dry_friction({place})'") for place in s.frictions.places]),
-        "relations": (h.relations, [Text(f"relation_{k + 1}", True) for k in range(len(h.relation_places))]),
+        "relations": (h.relations, [Text(relations[k], True) for k in range(len(h.relation_places))]),
         "pulses": (h.pulses, [Text(f"clock_{k + 1}", True) for k in range(h.pulses.numel())]),
     }
     now = {**fixed, "d": (s.d, [Text(name) for name in discretes])}
