@@ -43,11 +43,15 @@ class Begin:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """States (n_x, n), algebraic variables (n_z, n) and, with events, memory (n_m, n) over a grid."""
+    """States (n_x, n), algebraic variables (n_z, n) and, with events, memory (n_m, n) over a grid.
+
+    `variables` are all variables where they are known already: distinct ones (n_v, n), and the row of each.
+    """
 
     x: np.ndarray
     z: np.ndarray
     memory: np.ndarray | None
+    variables: tuple[np.ndarray, np.ndarray] | None = None
 
 
 def given_of(made: Machine, memory: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from cartpend_dae.dae import friction_laws
 from cartpend_dae.errors import ModelError
 from cartpend_dae.memory import N_NOTE, Memory
 from cartpend_dae.merge import parallel_frictions
+from cartpend_dae.prepared import once
 from cartpend_dae.system import System
 
 # relative width of the band in which a holding force counts as at its limit
@@ -348,7 +349,7 @@ def initial_memory(machine: Machine, system: System, time: float, u: np.ndarray,
     """Return the memory before the first decision: start values, no modes, clocks at their first tick from now on."""
     h, memory = system.hybrid, machine.memory
     start = [system.variables[i].declaration.start or 0.0 for i in h.discretes]
-    clock = ca.Function("clock", [system.p], [h.periods, h.offsets])
+    clock = once(system, "clock", None, lambda: ca.Function("clock", [system.p], [h.periods, h.offsets]))
     periods, offsets = (np.asarray(value).ravel() for value in clock(p))
     if np.any(wrong := ~(periods > 0)):
         k = int(np.flatnonzero(wrong)[0])

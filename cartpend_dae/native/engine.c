@@ -63,6 +63,23 @@ static enum outcome take_step(engine *e, double target)
     }
 }
 
+/* Make one step, no further than `target` or the first event in it. */
+static enum outcome stepped(engine *e, double target, int *is_event)
+{
+#if IS_LEAPING
+    if (leapt(e, target)) return DONE;
+#endif
+    enum outcome outcome = take_step(e, target);
+    if (outcome != DONE) return outcome;
+    e->is_stepped = 1;
+    make_dense(e);
+    if (N_G && shortened(e)) {
+        make_dense(e);
+        *is_event = 1;
+    }
+    return DONE;
+}
+
 /* Advance to an event, or `until`, by one step; EVENT if something was decided. */
 static enum outcome advance(engine *e, double until)
 {
@@ -74,18 +91,12 @@ static enum outcome advance(engine *e, double until)
     if (is_tick && target - now->t <= closeness(target))
         now->t = fmax(now->t, target); /* the tick is now */
     else {
-        enum outcome outcome = take_step(e, target);
+        enum outcome outcome = stepped(e, target, &is_event);
         if (outcome != DONE) return outcome;
-        make_dense(e);
-        if (N_G && shortened(e)) {
-            make_dense(e);
-            is_event = 1;
-        }
         int is_reached = e->is_cut && !is_event;
         is_tick = is_tick && is_reached;
         now->t = is_reached ? target : e->t_0 + e->h;
         memcpy(now->y, e->y_1, sizeof now->y);
-        e->is_stepped = 1;
         if (N_G && !is_event) { /* what was below zero and has come up may fall again */
             for (int g = 0; g < N_G; g++)
                 if (e->found[g] >= 0) now->armed[g] = 1;
@@ -93,6 +104,9 @@ static enum outcome advance(engine *e, double until)
     }
     e->until = is_event ? now->t : now->t - closeness(now->t); /* a tick is where rounding puts it */
     if (!is_event && !is_tick) return DONE;
+#if IS_LEAPING
+    if (is_tick) learn(e);
+#endif
     double before = now->step;
     enum outcome outcome = decide(e);
     now->step = now->first_step > 0 ? fmin(now->first_step, is_tick ? HUGE_VAL : before) : before;
