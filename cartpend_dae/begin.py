@@ -9,7 +9,7 @@ import numpy as np
 from cartpend_dae.errors import SolverError
 from cartpend_dae.events import Machine, initial_memory, machine
 from cartpend_dae.initialize import Start
-from cartpend_dae.prepared import once
+from cartpend_dae.prepared import content, once
 from cartpend_dae.system import System
 
 
@@ -93,7 +93,8 @@ def started(system: System, p: np.ndarray, u: np.ndarray, initialize: Callable[.
     for _ in range(20):
         given = np.concatenate([u, given_of(made, memory)])
         start = initialize(s, p, given)
-        decided = decide(time, start.x, start.z, given, start.p, np.zeros(n_f))
+        point = (start.x, start.z, given, start.p)
+        decided = once(s, "decided", (time, content(*point)), lambda: decide(time, *point, np.zeros(n_f)))  # noqa: B023
         relations, speeds, held = (np.asarray(value, dtype=float).ravel() for value in decided)
         if np.array_equal(relations, memory[where]):
             break
@@ -105,6 +106,7 @@ def started(system: System, p: np.ndarray, u: np.ndarray, initialize: Callable[.
         )
     memory[:n_f] = np.sign(np.where(np.abs(speeds) > 1e-9, speeds, 0.0))
     memory[where.stop : where.stop + held.size] = held
-    x, settled = made.settle(time, start.x, memory, start.z, u, start.p)
-    x, settled = np.asarray(x).ravel(), np.asarray(settled).ravel()
+    point = (start.x, memory, start.z, u, start.p)
+    found = once(system, "settled", (time, span, content(*point)), lambda: made.settle(time, *point))
+    x, settled = (np.asarray(value).ravel() for value in found)
     return Begin(system, made, x, start.z, start.p, start.found, settled, memory)

@@ -14,7 +14,7 @@ from cartpend_dae.dae import friction_laws
 from cartpend_dae.errors import ModelError
 from cartpend_dae.memory import N_NOTE, Memory
 from cartpend_dae.merge import parallel_frictions
-from cartpend_dae.prepared import once
+from cartpend_dae.prepared import content, once
 from cartpend_dae.system import System
 
 # relative width of the band in which a holding force counts as at its limit
@@ -349,8 +349,7 @@ def initial_memory(machine: Machine, system: System, time: float, u: np.ndarray,
     """Return the memory before the first decision: start values, no modes, clocks at their first tick from now on."""
     h, memory = system.hybrid, machine.memory
     start = [system.variables[i].declaration.start or 0.0 for i in h.discretes]
-    clock = once(system, "clock", None, lambda: ca.Function("clock", [system.p], [h.periods, h.offsets]))
-    periods, offsets = (np.asarray(value).ravel() for value in clock(p))
+    periods, offsets = once(system, "clocks", content(p), lambda: _clocks(system, p))
     if np.any(wrong := ~(periods > 0)):
         k = int(np.flatnonzero(wrong)[0])
         place = h.clock_places(system.name)[k]
@@ -367,6 +366,12 @@ def initial_memory(machine: Machine, system: System, time: float, u: np.ndarray,
             [0.0, 0.0, time - 1e3, 0.0, 0.0, time - 1e3, 1e3, 0.0, time],
         ]
     )
+
+
+def _clocks(system: System, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return periods and offsets of the clocks [s]."""
+    periods, offsets = ca.Function("clock", [system.p], [system.hybrid.periods, system.hybrid.offsets])(p)
+    return np.asarray(periods).ravel(), np.asarray(offsets).ravel()
 
 
 def settled_modes(

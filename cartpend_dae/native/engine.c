@@ -24,11 +24,19 @@ static double first_step(engine *e)
 static void begin_run(engine *e)
 {
     point *now = &e->now;
+    now->last_step = now->last_error = 0;
     now->first_step = now->n_steps = now->n_rejected = now->n_trials = now->n_events = 0;
     now->has_jumped = 0;
     e->is_stepped = 0;
     now->step = first_step(e);
     arm(e);
+}
+
+/* Return by how much longer the next step may be because errors fall from step to step, or shorter because they rise
+ * (K. Gustafsson, ACM Trans. Math. Softw. 20 (1994)). */
+static double foreseen(const point *now, double h, double error)
+{
+    return h / now->last_step * pow(now->last_error / fmax(error, 1e-4), 0.2);
 }
 
 /* Make one step that the error control takes, no further than `target`. */
@@ -49,15 +57,18 @@ static enum outcome take_step(engine *e, double target)
         try_step(e, h);
         error = weighed(e, e->error);
         double factor = isfinite(error) ? SAFETY * pow(fmax(error, 1e-10), -0.2) : SHRINK;
-        factor = fmin(fmax(factor, SHRINK), is_rejected ? 1 : GROW);
         if (error <= 1) {
+            if (!now->has_jumped && !is_rejected && !is_cut && now->last_error > 0)
+                factor *= foreseen(now, h, error);
+            factor = fmin(fmax(factor, SHRINK), is_rejected ? 1 : GROW);
             if (now->has_jumped && !is_cut) now->first_step = h * factor;
             if (now->has_jumped || !is_cut || h * factor > now->step) now->step = h * factor;
+            now->last_step = h, now->last_error = fmax(error, 1e-4);
             now->has_jumped = 0, now->n_steps++;
             return DONE;
         }
         is_rejected = 1, now->n_rejected++;
-        now->step = h * fmin(factor, SAFETY);
+        now->step = h * fmin(fmax(factor, SHRINK), SAFETY);
         if (!(now->step > 16 * DBL_EPSILON * fabs(now->t)) || now->step < 1e-300)
             return isfinite(error) ? TOO_SMALL : NOT_FINITE;
     }

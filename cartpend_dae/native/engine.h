@@ -41,6 +41,7 @@ typedef struct {
     double t;              /* time [s] */
     double step;           /* next step [s] */
     double first_step;     /* step that was right after the last jump [s], 0: not known */
+    double last_step, last_error; /* length of the last step [s], and its error over the tolerance */
     double has_jumped;     /* whether nothing was stepped since the last jump */
     double y[ROOM(N_Y)], m[ROOM(N_M)], w[ROOM(N_W)], p[ROOM(N_P)];
     double armed[ROOM(N_G)]; /* whether an indicator was above zero, and so may fall through it */

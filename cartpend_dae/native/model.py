@@ -83,7 +83,8 @@ def native_model(
 def native_outputs(
     system: System, made: Machine | None, expressions: Mapping[int, Callable[[ca.SX], ca.SX]] | None = None
 ) -> tuple[ca.Function, np.ndarray]:
-    """Return `model_outputs`, the distinct ones of all variables, and which of them each variable is (n_variables,).
+    """Return `model_outputs`, the distinct ones of all variables and the indicators, and which of the distinct ones
+    each variable is (n_variables,).
 
     Parameters
     ----------
@@ -98,7 +99,8 @@ def native_outputs(
     given = [s.time, ca.vertcat(s.x, s.z), memory, w, s.p]
     columns = AllTimes(ca.Function("outputs", given, [outputs], SHARED)).columns()
     first = np.unique(columns, return_index=True)[1].tolist()
-    return ca.Function("model_outputs", given, [ca.densify(outputs[first, 0])], SHARED), columns
+    results = [ca.densify(outputs[first, 0]), ca.densify(_laws(s, made, u)[2])]
+    return ca.Function("model_outputs", given, results, SHARED), columns
 
 
 def _inputs(s: System, expressions: Mapping[int, Callable[[ca.SX], ca.SX]]) -> tuple[ca.SX, ca.SX]:

@@ -24,9 +24,8 @@ static void look_back(engine *e, long n, const double *grid, const double *input
         memcpy(e->now.m, ms + k * N_M, sizeof(double) * N_M);
         memcpy(y, ys + k * N_Y, sizeof(double) * (N_X - N_SHADOW));
         memcpy(y + N_X - N_SHADOW, ys + k * N_Y + N_X, sizeof(double) * N_Z);
-        EVALUATE(model_outputs, given(arguments, &e->now, grid + k, y), results[0] = found);
+        EVALUATE(model_outputs, given(arguments, &e->now, grid + k, y), results[0] = found, results[1] = e->found);
         for (int v = 0; v < N_V; v++) variables[v * n + k] = found[v];
-        if (N_G) indicators_at(&e->now, grid[k], ys + k * N_Y, e->found);
         for (int g = 0; g < N_G; g++) {
             lowest[g] = fmin(lowest[g], e->found[g]);
             largest[g] = fmax(largest[g], fabs(e->found[g]));
