@@ -10,7 +10,7 @@ from cartpend_dae.errors import SolverError
 from cartpend_dae.events import Machine, initial_memory, machine
 from cartpend_dae.initialize import Start
 from cartpend_dae.prepared import content, once
-from cartpend_dae.system import System
+from cartpend_dae.system import Hybrid, System
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,9 +85,7 @@ def started(system: System, p: np.ndarray, u: np.ndarray, initialize: Callable[.
     made, h = once(system, "machine", span, lambda: machine(system, span)), system.hybrid
     memory = initial_memory(made, system, time, u, p)
     s, parts = made.system, made.memory
-    names = [s.time, s.x, s.z, s.u, s.p, s.frictions.force]
-    laws = [h.differences < 0, s.frictions.speed, h.conditions]
-    decide = once(system, "decide", span, lambda: ca.Function("decide", names, laws))
+    decide = once(system, "decide", span, lambda: _deciding(s, h))
     n_f, n_d, n_r = parts.modes.numel(), parts.discretes.numel(), parts.relations.numel()
     where = slice(n_f + n_d, n_f + n_d + n_r)
     for _ in range(20):
@@ -110,3 +108,9 @@ def started(system: System, p: np.ndarray, u: np.ndarray, initialize: Callable[.
     found = once(system, "settled", (time, span, content(*point)), lambda: made.settle(time, *point))
     x, settled = (np.asarray(value).ravel() for value in found)
     return Begin(system, made, x, start.z, start.p, start.found, settled, memory)
+
+
+def _deciding(s: System, h: Hybrid) -> ca.Function:
+    """Return relations, friction speeds and conditions at a point, as a function."""
+    names = [s.time, s.x, s.z, s.u, s.p, s.frictions.force]
+    return ca.Function("decide", names, [h.differences < 0, s.frictions.speed, h.conditions])

@@ -210,7 +210,7 @@ static int is_worth_a_leap(const engine *e, double end, double target)
     const leaper *l = &e->leaper;
     double h = end - e->now.t, parts = ceil((target - e->now.t) / h - 1e-6);
     if (l->wait > 0 || !(e->now.has_jumped || l->is_leaping)) return 0;
-    return h <= e->set.longest && h > 1e-9 * fmax(1, fabs(end)) && 2 * COST_OF_LEAP * parts <= l->usual;
+    return h > 1e-9 * fmax(1, fabs(end)) && 1.5 * COST_OF_LEAP * parts <= l->usual;
 }
 
 /* Wait the longer for the next attempt, the more often attempts have cost more than they saved. */
@@ -226,6 +226,8 @@ static int leapt(engine *e, double target)
 {
     leaper *l = &e->leaper;
     double end = fmin(target, e->output_at), f_0[N_X], y[N_NODES][N_X], stale[N_X * N_X];
+    double parts = ceil((end - e->now.t) / e->set.longest * (1 - 1e-9));
+    if (parts > 1) end = e->now.t + (end - e->now.t) / parts;
     if (!is_worth_a_leap(e, end, target)) return 0;
     double h = end - e->now.t;
     e->t_0 = e->now.t, e->h = h;

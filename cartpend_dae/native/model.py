@@ -1,5 +1,6 @@
 """A system -> the functions and sizes that the engine in C asks for, and the whole source."""
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
@@ -83,13 +84,12 @@ def native_model(
 def native_outputs(
     system: System, made: Machine | None, expressions: Mapping[int, Callable[[ca.SX], ca.SX]] | None = None
 ) -> tuple[ca.Function, np.ndarray]:
-    """Return `model_outputs`, the distinct ones of all variables and the indicators, and which of the distinct ones
-    each variable is (n_variables,).
+    """Return the distinct ones of all variables with the indicators, and which of them each variable is (n_variables,).
 
     Parameters
     ----------
     system, made, expressions
-        As `native_model` takes them; `model_outputs` has the arguments of its functions.
+        As `native_model` takes them; the function, `model_outputs`, has the arguments of its functions.
     """
     s, memory = system, ca.SX(0, 1) if made is None else made.memory.vector
     w, u = _inputs(s, expressions or {})
@@ -174,7 +174,13 @@ def native_source(model: NativeModel, outputs: ca.Function, *, is_leaping: bool,
     parts = [part for part in ENGINE if part != "engine.c"] + (["exponential.c"] if is_leaping else []) + ["engine.c"]
     macros = engine_macros(model) + _sizes(outputs)
     macros += f"#define N_V ({outputs.numel_out(0)})\n#define IS_LEAPING {is_leaping:d}\n"
-    return "\n".join([generator.dump(), macros, *map(engine_part, parts), more])
+    return "\n".join([_unasked(generator.dump()), macros, *map(engine_part, parts), more])
+
+
+def _unasked(code: str) -> str:
+    """Return C of CasADi that does not ask whether an argument or a result is there: the engine gives all of them."""
+    code = re.sub(r"arg\[(\d+)\]\? arg\[\1\]\[(\d+)\] : 0", r"arg[\1][\2]", code)
+    return re.sub(r"if \(res\[\d+\]!=0\) res", "res", code)
 
 
 def engine_part(name: str) -> str:

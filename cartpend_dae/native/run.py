@@ -101,7 +101,7 @@ class Engine:
         first = np.concatenate([x, np.zeros(model.n_shadow), z, memory, p])
         values, jumps = np.ascontiguousarray(inputs[0], dtype=float), np.ascontiguousarray(inputs[1], dtype=np.int8)
         options = np.array([settings.rtol, settings.atol, settings.longest, MOST_STEPS, METHODS[settings.method]])
-        ys, ms, found = np.zeros((n, model.n_y)), np.zeros((n, model.n_m)), np.zeros(5)
+        ys, ms, found = np.empty((n, model.n_y)), np.empty((n, model.n_m)), np.zeros(5)
         variables = np.empty((self.n_v, n))
         times = np.ascontiguousarray(grid, dtype=float)
         lowest, largest = np.zeros(model.n_g), np.zeros(model.n_g)
