@@ -16,7 +16,7 @@ from cartpend_dae.assess import inverse_dynamics
 from cartpend_dae.data import Experiment
 from cartpend_dae.discover import Discovery, FreeSpec, Setup, discover, store_for
 from cartpend_dae.discover.prove import set_values
-from cartpend_dae.discover.records import Regime
+from cartpend_dae.discover.records import Base, Regime
 from cartpend_dae.discover.workbench import renamed
 from cartpend_dae.effects import Card, Insertion, catalogue, insert_all, insertion_at, places
 from cartpend_dae.errors import ModelError, StudyError
@@ -75,11 +75,12 @@ def open_study(path: Path | str, *, needs_runs: bool = True) -> Opened:
     model = load_model(study.model)
     added = _added(study, model)
     model = insert_all(model, added)
-    system = assemble(model)
+    names = frozenset(name for run in study.experiments if run.role == "train" for name in (*run.outputs, *run.start))
+    system = assemble(model, states=dict.fromkeys(names, "prefer"))
     free, fixed, ties, findings = _parameters(study, system)
     if fixed:
         set_values(model, fixed)
-        system = assemble(model)
+        system = assemble(model, states=dict.fromkeys(names, "prefer"))
     runs, wrong = _runs(study, system, added)
     findings += wrong
     cards, wrong = _cards(study)
@@ -106,6 +107,7 @@ def open_study(path: Path | str, *, needs_runs: bool = True) -> Opened:
             study.identify.max_iterations,
             study.identify.method,
             study.identify.hessian,
+            Base(model, names, system),
         ),
         fixed=tuple(q for q in system.parameters if q.name in fixed),
         cards=cards,
