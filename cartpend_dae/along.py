@@ -109,6 +109,10 @@ class AllTimes:
         values, columns = self.distinct(arguments, n_times)
         return values if np.array_equal(columns, np.arange(values.shape[1])) else values[:, columns]
 
+    def columns(self) -> np.ndarray:
+        """Return which of its distinct values each element of the output is, if that can be told (n_elements,)."""
+        return np.arange(self.function.numel_out(0)) if self.plan is None else self.plan.columns
+
     def distinct(self, arguments: Sequence[np.ndarray], n_times: int) -> tuple[np.ndarray, np.ndarray]:
         """Return what the elements are made of (n_times, n), and which column of it each element is (n_elements,).
 

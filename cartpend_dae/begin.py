@@ -9,8 +9,8 @@ import numpy as np
 from cartpend_dae.errors import SolverError
 from cartpend_dae.events import Machine, initial_memory, machine
 from cartpend_dae.initialize import Start
-from cartpend_dae.prepared import once
-from cartpend_dae.system import System
+from cartpend_dae.prepared import content, once
+from cartpend_dae.system import Hybrid, System
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +43,15 @@ class Begin:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """States (n_x, n), algebraic variables (n_z, n) and, with events, memory (n_m, n) over a grid."""
+    """States (n_x, n), algebraic variables (n_z, n) and, with events, memory (n_m, n) over a grid.
+
+    `variables` are all variables where they are known already: distinct ones (n_v, n), and the row of each.
+    """
 
     x: np.ndarray
     z: np.ndarray
     memory: np.ndarray | None
+    variables: tuple[np.ndarray, np.ndarray] | None = None
 
 
 def given_of(made: Machine, memory: np.ndarray) -> np.ndarray:
@@ -81,15 +85,14 @@ def started(system: System, p: np.ndarray, u: np.ndarray, initialize: Callable[.
     made, h = once(system, "machine", span, lambda: machine(system, span)), system.hybrid
     memory = initial_memory(made, system, time, u, p)
     s, parts = made.system, made.memory
-    names = [s.time, s.x, s.z, s.u, s.p, s.frictions.force]
-    laws = [h.differences < 0, s.frictions.speed, h.conditions]
-    decide = once(system, "decide", span, lambda: ca.Function("decide", names, laws))
+    decide = once(system, "decide", span, lambda: _deciding(s, h))
     n_f, n_d, n_r = parts.modes.numel(), parts.discretes.numel(), parts.relations.numel()
     where = slice(n_f + n_d, n_f + n_d + n_r)
     for _ in range(20):
         given = np.concatenate([u, given_of(made, memory)])
         start = initialize(s, p, given)
-        decided = decide(time, start.x, start.z, given, start.p, np.zeros(n_f))
+        point = (start.x, start.z, given, start.p)
+        decided = once(s, "decided", (time, content(*point)), lambda: decide(time, *point, np.zeros(n_f)))  # noqa: B023
         relations, speeds, held = (np.asarray(value, dtype=float).ravel() for value in decided)
         if np.array_equal(relations, memory[where]):
             break
@@ -101,6 +104,13 @@ def started(system: System, p: np.ndarray, u: np.ndarray, initialize: Callable[.
         )
     memory[:n_f] = np.sign(np.where(np.abs(speeds) > 1e-9, speeds, 0.0))
     memory[where.stop : where.stop + held.size] = held
-    x, settled = made.settle(time, start.x, memory, start.z, u, start.p)
-    x, settled = np.asarray(x).ravel(), np.asarray(settled).ravel()
+    point = (start.x, memory, start.z, u, start.p)
+    found = once(system, "settled", (time, span, content(*point)), lambda: made.settle(time, *point))
+    x, settled = (np.asarray(value).ravel() for value in found)
     return Begin(system, made, x, start.z, start.p, start.found, settled, memory)
+
+
+def _deciding(s: System, h: Hybrid) -> ca.Function:
+    """Return relations, friction speeds and conditions at a point, as a function."""
+    names = [s.time, s.x, s.z, s.u, s.p, s.frictions.force]
+    return ca.Function("decide", names, [h.differences < 0, s.frictions.speed, h.conditions])

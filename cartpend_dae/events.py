@@ -14,6 +14,7 @@ from cartpend_dae.dae import Friction, friction_laws
 from cartpend_dae.errors import ModelError
 from cartpend_dae.memory import N_NOTE, Memory
 from cartpend_dae.merge import Motions, held_by_others, shared_motions
+from cartpend_dae.prepared import content, once
 from cartpend_dae.system import System
 
 # relative width of the band in which a holding force counts as at its limit
@@ -35,7 +36,6 @@ INSTANT, CROWD = 1e-9, 200
 HASTE, SHRINKS = 1e-6, 3
 
 CHATTER, ZENO = -1, -2
-
 # of each friction: whether another one on its motion sticks, and the force that it then lacks to stick
 Shared = tuple[tuple[ca.SX, ca.SX], ...]
 
@@ -128,10 +128,7 @@ def _check_conditions(s: System) -> None:
 
 
 def _forces(law: Friction, modes: ca.SX, motions: Motions) -> ca.SX:
-    """Solve: a sliding friction has its level, a stuck one keeps its relative acceleration at zero.
-
-    Those that stick on one motion have no unique shares: each does as much work as the first of them.
-    """
+    """Solve for forces: sliding has its level, stuck no relative acceleration; on one motion each does as much work."""
     n = modes.numel()
     before = {i: members[:k] for members in motions for k, (i, _) in enumerate(members)}
     ratios = {i: ratio for members in motions for i, ratio in members}
@@ -366,8 +363,7 @@ def initial_memory(machine: Machine, system: System, time: float, u: np.ndarray,
     """Return the memory before the first decision: start values, no modes, clocks at their first tick from now on."""
     h, memory = system.hybrid, machine.memory
     start = [system.variables[i].declaration.start or 0.0 for i in h.discretes]
-    clock = ca.Function("clock", [system.p], [h.periods, h.offsets])
-    periods, offsets = (np.asarray(value).ravel() for value in clock(p))
+    periods, offsets = once(system, "clocks", content(p), lambda: _clocks(system, p))
     if np.any(wrong := ~(periods > 0)):
         k = int(np.flatnonzero(wrong)[0])
         place = h.clock_places(system.name)[k]
@@ -384,6 +380,12 @@ def initial_memory(machine: Machine, system: System, time: float, u: np.ndarray,
             [0.0, 0.0, time - 1e3, 0.0, 0.0, time - 1e3, 1e3, 0.0, time],
         ]
     )
+
+
+def _clocks(system: System, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return periods and offsets of the clocks [s]."""
+    periods, offsets = ca.Function("clock", [system.p], [system.hybrid.periods, system.hybrid.offsets])(p)
+    return np.asarray(periods).ravel(), np.asarray(offsets).ravel()
 
 
 def settled_modes(

@@ -32,6 +32,8 @@ STEPS, HALVINGS = 6, 4
 # of the cost: what a step promises when it is the last one, 0.2 standard deviations of any estimate; what is left then
 # is of second order
 LAST = 2e-2
+# of the cost: what is not worth a step, 0.0014 standard deviations
+NOTHING = 1e-6
 # so many steps are tried with the derivatives of the fixed steps, from where they promise no more than this: some
 # standard deviations
 CHORDS, NEAR = 3, 5.0
@@ -119,6 +121,8 @@ def refined(problem: Problem, fit: Fit) -> Fit:
         hessian, pull = _normal_equations(problem, point, slopes)
         step = bounded_step(hessian, pull, work.lower - point.values, work.upper - point.values)
         promised = -float(pull @ step + step @ hessian @ step / 2)
+        if promised < NOTHING:
+            return _fit_of(work, fit, point, slopes, iteration)
         found = _searched(work, point, step, promised)
         if promised < LAST:
             best = found if found is not None and found.cost <= point.cost else point
@@ -141,6 +145,8 @@ def _adjusted(work: _Work, fit: Fit, values: np.ndarray) -> Fit | None:
         hessian, pull = _normal_equations(work.problem, point, slopes)
         step = bounded_step(hessian, pull, work.lower - point.values, work.upper - point.values)
         promised = -float(pull @ step + step @ hessian @ step / 2)
+        if promised < NOTHING:
+            return _fit_of(work, fit, point, slopes, iteration)
         found = _searched(work, point, step, promised)
         if promised < LAST:
             best = found if found is not None and found.cost <= point.cost else point

@@ -19,9 +19,9 @@ from cartpend_dae.problem import Problem
 from cartpend_dae.programme import Hessian
 from cartpend_dae.shooting import carried_on, start_slopes, start_states
 
-# of the cost, half a sum of squares in standard deviations: what a step still promises at the end, and what is enough
-# where the kinks of dry friction keep it from being reached (0.015 standard deviations)
-DONE, ENOUGH = 1e-9, 1e-4
+# of the cost, half a sum of squares in standard deviations: what a step still promises at the end (0.0014 standard
+# deviations, and that step is taken), and what is enough where the kinks of dry friction keep it from being reached
+DONE, ENOUGH = 1e-6, 1e-4
 # of the whole cost: rounding, below which nothing can be promised
 ROUNDING = 1e-12
 ITERATIONS, HALVINGS = 50, 10

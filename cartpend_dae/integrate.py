@@ -195,7 +195,23 @@ def _check_end(begin: Begin, run: Run) -> None:
 
 def trajectory(begin: Begin, run: Run, driven: DrivenInputs, fine: np.ndarray, grid: np.ndarray) -> Trajectory:
     """Return all variables at the output times `grid` of a run over `fine`."""
-    system, p = begin.between, begin.p
+    system = begin.system
+    if run.variables is None:
+        values, columns = _variables(begin, run, driven, fine, grid)
+    else:
+        distinct, columns = run.variables
+        values = (distinct if fine.size == grid.size else distinct[:, np.searchsorted(fine, grid)]).T
+    values.setflags(write=False)  # equal variables share a column
+    names = tuple(variable.name for variable in system.variables)
+    units = tuple(variable.declaration.unit for variable in system.variables)
+    table = dict(zip(names, columns.tolist(), strict=True))
+    return Trajectory(grid, names, values, units, table, _n_events(begin, run, driven, fine))
+
+
+def _variables(
+    begin: Begin, run: Run, driven: DrivenInputs, fine: np.ndarray, grid: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distinct ones of all variables at the output times (n, n_v), and which of them each variable is."""
     keep = np.searchsorted(fine, grid)
     u = inputs_at(driven, fine)[:, keep]
     x, z = run.x[:, keep], run.z[:, keep]
@@ -204,12 +220,7 @@ def trajectory(begin: Begin, run: Run, driven: DrivenInputs, fine: np.ndarray, g
         u = begin.inputs(u, np.tile(begin.memory[:, None], grid.size) if memory is None else memory)
     force = _forces(begin, grid, x, z, u, memory)
     z = _after_jumps(begin, driven, fine, keep, (grid, x, z, u, force))
-    values, columns = all_variables(system, grid, x, z, u, p, force)
-    values.setflags(write=False)  # equal variables share a column
-    names = tuple(variable.name for variable in system.variables)
-    units = tuple(variable.declaration.unit for variable in system.variables)
-    table = dict(zip(names, columns.tolist(), strict=True))
-    return Trajectory(grid, names, values, units, table, _n_events(begin, run, driven, fine))
+    return all_variables(begin.between, grid, x, z, u, begin.p, force)
 
 
 def _after_jumps(

@@ -39,6 +39,6 @@ def content(*arrays: np.ndarray) -> bytes:
     """Return a digest of arrays, for a key."""
     digest = blake2b()
     for array in arrays:
-        digest.update(str((array.shape, array.dtype)).encode())
+        digest.update(f"{array.shape}{array.dtype.str}".encode())
         digest.update(np.ascontiguousarray(array).data)
     return digest.digest()

@@ -16,7 +16,7 @@ from cartpend_dae.assess import inverse_dynamics
 from cartpend_dae.data import Experiment
 from cartpend_dae.discover import Discovery, FreeSpec, Setup, discover, store_for
 from cartpend_dae.discover.prove import set_values
-from cartpend_dae.discover.records import Regime
+from cartpend_dae.discover.records import Base, Regime
 from cartpend_dae.discover.workbench import renamed
 from cartpend_dae.effects import Card, Insertion, catalogue, insert_all, insertion_at, places
 from cartpend_dae.errors import ModelError, StudyError
@@ -80,7 +80,8 @@ def open_study(path: Path | str, *, needs_runs: bool = True, inner: Inner | None
     model = load_model(study.model)
     added = _added(study, model)
     model = insert_all(model, added)
-    system = assemble(model)
+    names = frozenset(name for run in study.experiments if run.role == "train" for name in (*run.outputs, *run.start))
+    system = assemble(model, states=dict.fromkeys(names, "prefer"))
     has_fmus = any(name.endswith(HIDDEN) for name in system.inputs)
     if has_fmus and inner is None:
         raise StudyError(
@@ -90,7 +91,7 @@ def open_study(path: Path | str, *, needs_runs: bool = True, inner: Inner | None
     free, fixed, ties, findings = _parameters(study, system)
     if fixed:
         set_values(model, fixed)
-        system = assemble(model)
+        system = assemble(model, states=dict.fromkeys(names, "prefer"))
     runs, wrong = _runs(study, system, added, inner(model) if inner and has_fmus else None)
     findings += wrong
     cards, wrong = _cards(study)
@@ -117,6 +118,7 @@ def open_study(path: Path | str, *, needs_runs: bool = True, inner: Inner | None
             study.identify.max_iterations,
             study.identify.method,
             study.identify.hessian,
+            Base(model, names, system),
         ),
         fixed=tuple(q for q in system.parameters if q.name in fixed),
         cards=cards,

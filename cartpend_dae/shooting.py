@@ -56,14 +56,19 @@ def carried_on(problem: Problem, values: np.ndarray, w: np.ndarray) -> np.ndarra
     return np.vstack([theta.T, np.tile(w[:, None], problem.layout.n_segments)])
 
 
-def run_through(problem: Problem, values: np.ndarray, w: np.ndarray, data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Run through all data from the start states; return weighted residuals (n_y, n) and states (n_state, n)."""
+def run_through(
+    problem: Problem, values: np.ndarray, w: np.ndarray, data: np.ndarray, segments: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Run through all data from the start states; return weighted residuals (n_y, n) and states (n_state, n).
+
+    With `segments` only so many of the first ones are run through.
+    """
     layout = problem.layout
     carried = carried_on(problem, values, w)
     errors, states = [], []
     begin = dict(zip(layout.first, start_states(problem, values), strict=True))
     x = np.zeros(layout.n_state)
-    for k in range(layout.n_segments):
+    for k in range(layout.n_segments if segments is None else segments):
         x = begin.get(k, x)
         block = data[:, k * layout.length : (k + 1) * layout.length]
         after, error, state = problem.functions.series(np.concatenate([carried[:, k], x]), block)
@@ -82,10 +87,12 @@ def run_from(
     return np.asarray(errors), np.asarray(states)
 
 
-def filtered_nodes(problem: Problem, values: np.ndarray, w: np.ndarray, data: np.ndarray) -> np.ndarray:
-    """Filter the start state of each segment from the data, shape (n_state, n_segments)."""
+def filtered_nodes(
+    problem: Problem, values: np.ndarray, w: np.ndarray, data: np.ndarray, segments: int | None = None
+) -> np.ndarray:
+    """Filter the start state of each segment, or of so many of the first ones, from the data (n_state, n_segments)."""
     layout = problem.layout
-    _, states = run_through(problem, values, w, data)
+    _, states = run_through(problem, values, w, data, segments)
     nodes = states[:, :: layout.length]
     if not np.all(np.isfinite(nodes)):
         raise SolverError(
@@ -99,6 +106,8 @@ def sensitivities(
     problem: Problem, values: np.ndarray, nodes: np.ndarray, w: np.ndarray, data: np.ndarray
 ) -> Sensitivities:
     """Return the residuals of each sample and their derivatives in all variables, segments joined.
+
+    With the nodes of the first segments only, these are all that is evaluated.
 
     Parameters
     ----------
@@ -119,11 +128,11 @@ def sensitivities(
         If the simulation, or its derivatives, diverge.
     """
     layout = problem.layout
-    n_x, n_p, n_y, m = layout.n_state, len(layout.slots), len(layout.outputs), layout.n_segments
+    n_x, n_p, n_y, m = layout.n_state, len(layout.slots), len(layout.outputs), nodes.shape[1]
     size = n_x + n_p
     seeds = np.hstack([np.eye(n_x), np.zeros((n_x, n_p))]).ravel(order="F")
-    packed = np.vstack([carried_on(problem, values, w), nodes, np.tile(seeds[:, None], m)])
-    after, rows = (np.asarray(part) for part in problem.functions.rows.map(m)(packed, data))
+    packed = np.vstack([carried_on(problem, values, w)[:, :m], nodes, np.tile(seeds[:, None], m)])
+    after, rows = (np.asarray(part) for part in problem.functions.rows.map(m)(packed, data[:, : m * layout.length]))
     if not (np.all(np.isfinite(after)) and np.all(np.isfinite(rows))):
         raise SolverError(f"{problem.system.name} cannot be differentiated along its simulation: it diverges.")
     ends = after[-n_x * size :, layout.length - 1 :: layout.length]

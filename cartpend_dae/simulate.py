@@ -269,10 +269,12 @@ def _check_frictions(begin: Begin, u: np.ndarray, time: float) -> None:
     if not f.places:
         return
     moving = ca.vertcat(system.x, system.z, system.u, system.time)
-    moves = ca.which_depends(f.speed, moving, 1, True)
+    moves = once(system, "moves", None, lambda: ca.which_depends(f.speed, moving, 1, True))
     arguments = [system.time, system.x, system.z, system.u, system.p, f.force]
-    levels = ca.Function("levels", arguments, [f.level_pos, f.level_neg])
-    values = levels(time, begin.x, begin.z, begin.inputs(u), begin.p, np.zeros(len(f.places)))
+    levels = once(system, "levels", None, lambda: ca.Function("levels", arguments, [f.level_pos, f.level_neg]))
+    point = (begin.x, begin.z, begin.inputs(u), begin.p)
+    key = (time, content(*point))
+    values = once(system, "levels at the start", key, lambda: levels(time, *point, np.zeros(len(f.places))))
     for place, is_moving, *pair in zip(f.places, moves, *(np.asarray(v).ravel() for v in values), strict=True):
         if not is_moving:
             findings.append(

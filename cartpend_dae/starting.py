@@ -22,6 +22,8 @@ DECADE = 10.0
 UNSEEN = 1e-9
 # shares of the guesses at which a parameter may reach an output
 SMALLER = (1.0, 0.1, 0.01, 0.001)
+# one in so many segments is looked at first
+FEW = 10
 # optima are the same where their costs and all parameters agree so far [noise sd, parameter sd]
 SAME_COST, SAME_VALUE = 0.1, 0.1
 
@@ -67,10 +69,11 @@ def check_reach(problem: Problem) -> None:
     ModelError
         Naming all of them.
     """
-    unseen = [item for item in problem.layout.free if item.prior is None]
-    for factor in SMALLER:
+    unseen, n = [item for item in problem.layout.free if item.prior is None], problem.layout.n_segments
+    # what the first samples show needs no look at the others
+    for factor, segments in ((1.0, 1 + n // FEW), *((factor, n) for factor in SMALLER)):
         if unseen:
-            reach = _reach(problem, {item.name: factor * item.guess for item in problem.layout.free})
+            reach = _reach(problem, {item.name: factor * item.guess for item in problem.layout.free}, segments)
             unseen = [item for item in unseen if reach[item.name] < UNSEEN]
     if unseen:
         listing = ", ".join(f"`{item.name}`" for item in unseen)
@@ -81,14 +84,17 @@ def check_reach(problem: Problem) -> None:
         )
 
 
-def _reach(problem: Problem, point: Mapping[str, float]) -> dict[str, float]:
-    """Return by how many noise sds a change of each parameter by its size moves the sample that it moves most."""
+def _reach(problem: Problem, point: Mapping[str, float], segments: int) -> dict[str, float]:
+    """Return by how many noise sds a change of each parameter by its size moves the sample that it moves most.
+
+    Only the first `segments` are looked at.
+    """
     data = stack_data(problem.layout, problem.experiments, 1.0 / problem.prior_sd)
     values = np.clip(scaled_values(problem, point), *bounds(problem))
     w = np.full(len(problem.outputs), 5 * dominant_frequency(problem.experiments))
-    nodes = filtered_nodes(problem, values, w, data)
+    nodes = filtered_nodes(problem, values, w, data, segments)
     slopes = np.abs(sensitivities(problem, values, nodes, w, data).slopes)
-    slopes[data[-len(problem.outputs) :].T == 0] = 0.0
+    slopes[data[-len(problem.outputs) :, : slopes.shape[0]].T == 0] = 0.0
     largest = slopes.max(axis=(0, 1), initial=0.0)
     return {item.name: float(slope) for item, slope in zip(problem.layout.free, largest, strict=False)}
 

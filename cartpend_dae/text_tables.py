@@ -340,6 +340,8 @@ def _dialect(sample: list[str], format: FormatSpec) -> Dialect:
         score = (numbers / max(len(cells), 1) * sum(len(row) == n for row in rows), n)
         if score > best:
             best, choice = score, dialect
+        if n > 1 and numbers == len(cells) and score[0] == len(rows):
+            break  # a cell that is a number has no delimiter in it
     return choice
 
 

@@ -11,6 +11,7 @@ from cartpend_dae.identify import Fit, Method
 from cartpend_dae.language import Component
 from cartpend_dae.programme import Hessian
 from cartpend_dae.study_schema import ScoreSpec
+from cartpend_dae.system import System
 from cartpend_dae.unknowns import Prior
 
 Regime = Literal["noise", "disturbances", "forces"]
@@ -31,11 +32,21 @@ class FreeSpec:
 
 
 @dataclass(frozen=True, slots=True)
+class Base:
+    """A model that was assembled already, with `names` as states where that is possible."""
+
+    model: Component
+    names: frozenset[str]
+    system: System
+
+
+@dataclass(frozen=True, slots=True)
 class Setup:
     """What an estimation works on: the model, what is free in it, and the runs by role.
 
     `ties` are parameters that follow from others, with the text that says how. Residuals beyond `huber` standard
     deviations count linearly; a fit takes at most `max_iterations` steps; `method` and `hessian` as of `estimate`.
+    `base` saves to assemble the model again.
     """
 
     model: Component
@@ -50,6 +61,7 @@ class Setup:
     max_iterations: int | None = None
     method: Method = "shooting"
     hessian: Hessian = "gauss-newton"
+    base: Base | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """Problems for a model with effects in it, made once and kept."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -86,7 +86,11 @@ class Workbench:
         scales: Mapping[str, float] | None = None,
     ) -> Problem:
         """Make a problem on given runs, with steps as far as `stride` allows if it is given."""
-        system = assembled(self.setup.model, insertions, experiments)
+        base = self.setup.base
+        if base and not insertions and base.model is self.setup.model and base.names == measured_by(experiments):
+            system = base.system
+        else:
+            system = assembled(self.setup.model, insertions, experiments)
         free = self._free(system, insertions, scales)
         problem = self._problem(system, free, renamed(experiments, insertions), self.setup.step)
         return problem if stride is None else replace(problem, step=None, stride=stride)
@@ -229,8 +233,12 @@ def assembled(model: Component, insertions: tuple[Insertion, ...], experiments: 
 
     An effect in series parts positions that were one; the start of a run stays that of the one it names.
     """
-    names = {name for run in experiments for name in (*run.outputs, *run.start)}
-    return assemble(augmented(model, insertions), states=dict.fromkeys(names, "prefer"))
+    return assemble(augmented(model, insertions), states=dict.fromkeys(measured_by(experiments), "prefer"))
+
+
+def measured_by(experiments: Iterable[Experiment]) -> frozenset[str]:
+    """Return what the runs measure or start from."""
+    return frozenset(name for run in experiments for name in (*run.outputs, *run.start))
 
 
 def augmented(model: Component, insertions: tuple[Insertion, ...]) -> Component:

@@ -54,7 +54,8 @@ def native_run(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Cho
         except RuntimeError as error:
             logger.info("%s: the engine in C stops with %s: %s", begin.system.name, plugin, error)
             continue
-        return Attempt(Run(run.x, run.z, None if begin.machine is None else run.memory), run.lowest, run.largest)
+        memory = None if begin.machine is None else run.memory
+        return Attempt(Run(run.x, run.z, memory, (run.variables, run.columns)), run.lowest, run.largest)
     return None
 
 

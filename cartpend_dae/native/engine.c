@@ -24,11 +24,19 @@ static double first_step(engine *e)
 static void begin_run(engine *e)
 {
     point *now = &e->now;
+    now->last_step = now->last_error = 0;
     now->first_step = now->n_steps = now->n_rejected = now->n_trials = now->n_events = 0;
     now->has_jumped = 0;
     e->is_stepped = 0;
     now->step = first_step(e);
     arm(e);
+}
+
+/* Return by how much longer the next step may be because errors fall from step to step, or shorter because they rise
+ * (K. Gustafsson, ACM Trans. Math. Softw. 20 (1994)). */
+static double foreseen(const point *now, double h, double error)
+{
+    return h / now->last_step * pow(now->last_error / fmax(error, 1e-4), 0.2);
 }
 
 /* Make one step that the error control takes, no further than `target`. */
@@ -49,18 +57,38 @@ static enum outcome take_step(engine *e, double target)
         try_step(e, h);
         error = weighed(e, e->error);
         double factor = isfinite(error) ? SAFETY * pow(fmax(error, 1e-10), -0.2) : SHRINK;
-        factor = fmin(fmax(factor, SHRINK), is_rejected ? 1 : GROW);
         if (error <= 1) {
+            if (!now->has_jumped && !is_rejected && !is_cut && now->last_error > 0)
+                factor *= foreseen(now, h, error);
+            factor = fmin(fmax(factor, SHRINK), is_rejected ? 1 : GROW);
             if (now->has_jumped && !is_cut) now->first_step = h * factor;
             if (now->has_jumped || !is_cut || h * factor > now->step) now->step = h * factor;
+            now->last_step = h, now->last_error = fmax(error, 1e-4);
             now->has_jumped = 0, now->n_steps++;
             return DONE;
         }
         is_rejected = 1, now->n_rejected++;
-        now->step = h * fmin(factor, SAFETY);
+        now->step = h * fmin(fmax(factor, SHRINK), SAFETY);
         if (!(now->step > 16 * DBL_EPSILON * fabs(now->t)) || now->step < 1e-300)
             return isfinite(error) ? TOO_SMALL : NOT_FINITE;
     }
+}
+
+/* Make one step, no further than `target` or the first event in it. */
+static enum outcome stepped(engine *e, double target, int *is_event)
+{
+#if IS_LEAPING
+    if (leapt(e, target)) return DONE;
+#endif
+    enum outcome outcome = take_step(e, target);
+    if (outcome != DONE) return outcome;
+    e->is_stepped = 1;
+    make_dense(e);
+    if (N_G && shortened(e)) {
+        make_dense(e);
+        *is_event = 1;
+    }
+    return DONE;
 }
 
 /* Advance to an event, or `until`, by one step; EVENT if something was decided. */
@@ -74,18 +102,12 @@ static enum outcome advance(engine *e, double until)
     if (is_tick && target - now->t <= closeness(target))
         now->t = fmax(now->t, target); /* the tick is now */
     else {
-        enum outcome outcome = take_step(e, target);
+        enum outcome outcome = stepped(e, target, &is_event);
         if (outcome != DONE) return outcome;
-        make_dense(e);
-        if (N_G && shortened(e)) {
-            make_dense(e);
-            is_event = 1;
-        }
         int is_reached = e->is_cut && !is_event;
         is_tick = is_tick && is_reached;
         now->t = is_reached ? target : e->t_0 + e->h;
         memcpy(now->y, e->y_1, sizeof now->y);
-        e->is_stepped = 1;
         if (N_G && !is_event) { /* what was below zero and has come up may fall again */
             for (int g = 0; g < N_G; g++)
                 if (e->found[g] >= 0) now->armed[g] = 1;
@@ -93,6 +115,9 @@ static enum outcome advance(engine *e, double until)
     }
     e->until = is_event ? now->t : now->t - closeness(now->t); /* a tick is where rounding puts it */
     if (!is_event && !is_tick) return DONE;
+#if IS_LEAPING
+    if (is_tick) learn(e);
+#endif
     double before = now->step;
     enum outcome outcome = decide(e);
     now->step = now->first_step > 0 ? fmin(now->first_step, is_tick ? HUGE_VAL : before) : before;

@@ -18,6 +18,11 @@
 #define N_Y (N_X + N_Z)
 #define ROOM(n) ((n) > 0 ? (n) : 1)
 #define N_STAGES 8
+/* the matrix of a step of few states is inverted: a product is faster than a solution, eight times in a step */
+#define IS_INVERTED (N_Z == 0 && N_X <= 12)
+#ifndef IS_LEAPING
+#define IS_LEAPING 0 /* whether steps through the transients of held values are tried: see exponential.c */
+#endif
 
 enum method { EXPLICIT = 0, IMPLICIT = 1 };
 
@@ -36,11 +41,34 @@ typedef struct {
     double t;              /* time [s] */
     double step;           /* next step [s] */
     double first_step;     /* step that was right after the last jump [s], 0: not known */
+    double last_step, last_error; /* length of the last step [s], and its error over the tolerance */
     double has_jumped;     /* whether nothing was stepped since the last jump */
     double y[ROOM(N_Y)], m[ROOM(N_M)], w[ROOM(N_W)], p[ROOM(N_P)];
     double armed[ROOM(N_G)]; /* whether an indicator was above zero, and so may fall through it */
     double n_steps, n_rejected, n_trials, n_events;
 } point;
+
+#if IS_LEAPING
+#define N_NODES 3
+#define N_KEPT 4
+
+/* Matrices of a step of length h: what the rates at its begin, and the differences at its nodes, add at each node; what
+ * the nodes do not see of the changes that the rates make; and what a change at the begin is at the end. */
+typedef struct {
+    double h, free[N_NODES][N_X * N_X], driven[N_NODES][N_NODES][N_X * N_X], unseen[N_X * N_X], decay[N_X * N_X];
+} propagator;
+
+typedef struct {
+    double linear[N_X * N_X]; /* a Jacobian of the rates from an earlier point */
+    propagator kept[N_KEPT];
+    int is_known, n_kept, oldest;
+    int has_leapt, is_leaping;        /* since the last tick; with the last step */
+    double usual, between;            /* so many ordinary steps were needed between two ticks, and their distance [s] */
+    double steps_before, tick_before; /* steps made, and time [s], at the last tick */
+    double cost;                      /* of this leap, in ordinary steps */
+    double wait, last_wait;           /* ticks until the next attempt, and how many they were last */
+} leaper;
+#endif
 
 /* A run: where it stands, and its last step with what the dense output needs. */
 typedef struct {
@@ -55,9 +83,13 @@ typedef struct {
     double is_rough;                       /* whether the dense output needs correction, -1: not asked yet */
     double error[ROOM(N_Y)];
     double jacobian[ROOM(N_Y * N_Y)], in_time[ROOM(N_Y)]; /* at its begin */
-    double matrix[ROOM(N_Y * N_Y)];
+    double matrix[ROOM(N_Y * N_Y)]; /* factors, or the inverse */
     int pivots[ROOM(N_Y)];
     double found[ROOM(N_G)]; /* indicators */
+#if IS_LEAPING
+    double output_at; /* the next output time [s] */
+    leaper leaper;
+#endif
 } engine;
 
 /* Evaluate a function of the model; its work space is on the stack. */

@@ -1,5 +1,6 @@
 /* Where an event is in a step, and what is decided there. */
 
+#define SO_LITTLE 1e-7 /* of a step: what bends in it is below rounding */
 #define INNER 2 /* so many points of a step are looked at for an event */
 
 /* Return the least of the armed indicators at a point; 1 without any. */
@@ -70,6 +71,17 @@ static int bracketed(engine *e, bracket *b)
     return 0;
 }
 
+/* Make the last step longer or shorter by so little that its end goes on as its rates say; return the least of the armed
+ * indicators there. */
+static double least_further(engine *e, double shift)
+{
+    double rates[ROOM(N_Y)];
+    rates_at(&e->now, e->t_0 + e->h, e->y_1, rates);
+    for (int r = 0; r < N_X; r++) e->y_1[r] += shift * rates[r];
+    e->h += shift;
+    return least(e, e->t_0 + e->h, e->y_1);
+}
+
 /* Step to where the dense output has its zero, and from there by its slope until just past the exact one; return whether
  * that succeeds: it does where the indicator is smooth. */
 static int reached_by_slope(engine *e, double guess, double whole, double close)
@@ -78,9 +90,13 @@ static int reached_by_slope(engine *e, double guess, double whole, double close)
     double slope = (least_inside(e, high) - least_inside(e, low)) / ((high - low) * whole), where = guess * whole;
     if (!(slope < 0)) return 0;
     for (int trial = 0; trial < 5 && where > 0 && where <= whole; trial++) {
-        double value = least_after(e, where);
+        double value = least_after(e, where), shift = close - value / slope;
         if (value < 0 && value > 3 * close * slope) return 1;
-        where += close - value / slope;
+        if (!N_Z && fabs(shift) < SO_LITTLE * where) {
+            value = least_further(e, shift);
+            if (value < 0 && value > 3 * close * slope) return 1;
+        }
+        where += shift;
     }
     return 0;
 }

@@ -55,22 +55,23 @@ static const double RO_H[3][8] = {
      -59.78993625266729, -0.15582684282751913, 4.883087185713722},
 };
 
+/* Add a multiple of a stage to n values. */
+static void add(double *sum, double factor, const double *stage, int n)
+{
+    for (int r = 0; r < n; r++) sum[r] += factor * stage[r];
+}
+
 static void explicit_step(engine *e, double h)
 {
     double y[ROOM(N_Y)];
     for (int i = 1; i < 7; i++) {
-        for (int r = 0; r < N_Y; r++) {
-            double sum = 0;
-            for (int j = 0; j < i; j++) sum += DP_A[i][j] * e->k[j][r];
-            y[r] = e->y_0[r] + h * sum;
-        }
+        memcpy(y, e->y_0, sizeof y);
+        for (int j = 0; j < i; j++) add(y, h * DP_A[i][j], e->k[j], N_Y);
         rates_at(&e->now, e->t_0 + DP_C[i] * h, y, e->k[i]);
     }
     memcpy(e->y_1, y, sizeof(double) * N_Y);
-    for (int r = 0; r < N_Y; r++) {
-        e->error[r] = 0;
-        for (int i = 0; i < 7; i++) e->error[r] += h * DP_E[i] * e->k[i][r];
-    }
+    memset(e->error, 0, sizeof e->error);
+    for (int i = 0; i < 7; i++) add(e->error, h * DP_E[i], e->k[i], N_Y);
 }
 
 static void explicit_dense(engine *e)
@@ -100,7 +101,8 @@ static int factorised(double *matrix, int *pivots, int n)
                 double swap = matrix[k * n + c];
                 matrix[k * n + c] = matrix[k * n + largest], matrix[k * n + largest] = swap;
             }
-        for (int r = c + 1; r < n; r++) column[r] /= column[c];
+        column[c] = 1 / column[c];
+        for (int r = c + 1; r < n; r++) column[r] *= column[c];
         for (int k = c + 1; k < n; k++) {
             double *other = matrix + k * n, factor = other[c];
             if (factor != 0)
@@ -119,40 +121,92 @@ static void solve(const double *factors, const int *pivots, double *right, int n
     for (int c = 0; c < n; c++)
         for (int r = c + 1; r < n; r++) right[r] -= right[c] * factors[c * n + r];
     for (int c = n - 1; c >= 0; c--) {
-        right[c] /= factors[c * n + c];
+        right[c] *= factors[c * n + c];
         for (int r = 0; r < c; r++) right[r] -= right[c] * factors[c * n + r];
     }
+}
+
+/* Replace a matrix (by columns) by its inverse; return whether it is regular.
+ *
+ * Gauss and Jordan: unknown c and the right-hand side of row `pivots[c]` change places. Rows stay where they are until
+ * the end: a row exchanged just before its column is read as a whole would be waited for. */
+static int inverted(double *matrix, int *pivots)
+{
+    double column[ROOM(N_Y)], found[ROOM(N_Y * N_Y)];
+    int is_used[ROOM(N_Y)] = {0};
+    for (int k = 0; k < N_Y; k++) {
+        double *own = matrix + k * N_Y;
+        int p = -1;
+        for (int r = 0; r < N_Y; r++)
+            if (!is_used[r] && (p < 0 || fabs(own[r]) > fabs(own[p]))) p = r;
+        if (!(fabs(own[p]) > 0)) return 0;
+        double inverse = 1 / own[p];
+        pivots[k] = p, is_used[p] = 1;
+        memcpy(column, own, sizeof column);
+        column[p] = 0;
+        for (int c = 0; c < N_Y; c++) {
+            double *other = matrix + c * N_Y, factor = other[p] * inverse;
+            if (c == k || factor == 0) continue;
+            add(other, -factor, column, N_Y);
+            other[p] = factor;
+        }
+        for (int r = 0; r < N_Y; r++) own[r] = -inverse * column[r];
+        own[p] = inverse;
+    }
+    for (int c = 0; c < N_Y; c++)
+        for (int k = 0; k < N_Y; k++) found[pivots[c] * N_Y + k] = matrix[c * N_Y + pivots[k]];
+    memcpy(matrix, found, sizeof found);
+    return 1;
+}
+
+/* Make the matrix of an implicit step ready for `solve_step`; return whether it is regular. */
+static int prepared(engine *e, double h)
+{
+    for (int i = 0; i < N_Y * N_Y; i++) e->matrix[i] = -e->jacobian[i];
+    for (int r = 0; r < N_X; r++) e->matrix[r * N_Y + r] += 1 / (h * GAMMA);
+    return IS_INVERTED ? inverted(e->matrix, e->pivots) : factorised(e->matrix, e->pivots, N_Y);
+}
+
+/* Replace a right-hand side by the solution with the matrix of the step. */
+static void solve_step(const engine *e, double *right)
+{
+#if IS_INVERTED
+    double given[ROOM(N_Y)];
+    memcpy(given, right, sizeof given);
+    for (int r = 0; r < N_Y; r++) {
+        double sum = 0;
+        for (int c = 0; c < N_Y; c++) sum += e->matrix[c * N_Y + r] * given[c];
+        right[r] = sum;
+    }
+#else
+    solve(e->matrix, e->pivots, right, N_Y);
+#endif
 }
 
 static void implicit_step(engine *e, double h)
 {
     double y[ROOM(N_Y)];
-    for (int i = 0; i < N_Y * N_Y; i++) e->matrix[i] = -e->jacobian[i];
-    for (int r = 0; r < N_X; r++) e->matrix[r * N_Y + r] += 1 / (h * GAMMA);
-    if (!factorised(e->matrix, e->pivots, N_Y)) {
+    if (!prepared(e, h)) {
         for (int r = 0; r < N_Y; r++) e->error[r] = NAN;
         return;
     }
+    const double per_h = 1 / h;
     memcpy(y, e->y_0, sizeof y);
     for (int i = 0; i < N_STAGES; i++) {
         double *k = e->k[i];
         for (int r = 0; r < N_Y; r++) {
-            if (i < 6) {
-                y[r] = e->y_0[r];
-                for (int j = 0; j < i; j++) y[r] += RO_A[i][j] * e->k[j][r];
-            } else
-                y[r] += e->k[i - 1][r];
+            double sum = i < 6 ? e->y_0[r] : y[r] + e->k[i - 1][r];
+            if (i < 6)
+                for (int j = 0; j < i; j++) sum += RO_A[i][j] * e->k[j][r];
+            y[r] = sum;
         }
         rates_at(&e->now, e->t_0 + RO_C[i] * h, y, k);
         for (int r = 0; r < N_Y; r++) {
-            k[r] += h * RO_D[i] * e->in_time[r];
-            if (r < N_X) {
-                double sum = 0;
-                for (int j = 0; j < i; j++) sum += RO_K[i][j] * e->k[j][r];
-                k[r] += sum / h;
-            }
+            double sum = 0;
+            for (int j = 0; j < i; j++) sum += RO_K[i][j] * e->k[j][r];
+            k[r] += h * RO_D[i] * e->in_time[r] + (r < N_X ? sum * per_h : 0);
         }
-        solve(e->matrix, e->pivots, k, N_Y);
+        solve_step(e, k);
     }
     for (int r = 0; r < N_Y; r++) e->error[r] = e->k[7][r], e->y_1[r] = y[r] + e->k[7][r];
 }
@@ -236,7 +290,7 @@ static void defect(engine *e, double share, const double *y, double *change)
                        + share * share * (3 - 4 * share) * c;
         change[r] -= slope / e->h;
     }
-    solve(e->matrix, e->pivots, change, N_Y);
+    solve_step(e, change);
 }
 
 /* Give states and algebraic variables at a part of the last step for output; where the dense output of the implicit

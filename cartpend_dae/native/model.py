@@ -1,11 +1,14 @@
 """A system -> the functions and sizes that the engine in C asks for, and the whole source."""
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 
 import casadi as ca
+import numpy as np
 
+from cartpend_dae.along import AllTimes
 from cartpend_dae.events import CHATTER, ROUNDS, Machine
 from cartpend_dae.hybrid_problem import replaced, watched
 from cartpend_dae.memory import N_NOTE
@@ -58,11 +61,7 @@ def native_model(
     The inputs w of shape (2 n_u + 1,) are values at a time `begin`, slopes, and `begin`.
     """
     s, memory = system, ca.SX(0, 1) if made is None else made.memory.vector
-    n_u = s.u.numel()
-    w = ca.SX.sym("w", 2 * n_u + 1)
-    u = ca.SX(w[:n_u, 0] + w[n_u : 2 * n_u, 0] * (s.time - w[2 * n_u]))
-    for row, expression in (expressions or {}).items():
-        u[row] = ca.SX(expression(s.time))
+    w, u = _inputs(s, expressions or {})
     ode, alg, indicators, differences = _laws(s, made, u)
     shadow = watched(differences, s, ode)
     shadows = ca.SX.sym("shadow", shadow.numel())
@@ -82,18 +81,57 @@ def native_model(
     return NativeModel(functions, *sizes, shadows.numel(), is_timed)
 
 
+def native_outputs(
+    system: System, made: Machine | None, expressions: Mapping[int, Callable[[ca.SX], ca.SX]] | None = None
+) -> tuple[ca.Function, np.ndarray]:
+    """Return the distinct ones of all variables with the indicators, and which of them each variable is (n_variables,).
+
+    Parameters
+    ----------
+    system, made, expressions
+        As `native_model` takes them; the function, `model_outputs`, has the arguments of its functions.
+    """
+    s, memory = system, ca.SX(0, 1) if made is None else made.memory.vector
+    w, u = _inputs(s, expressions or {})
+    outputs = s.outputs
+    for pair in _decided(s, made, u):
+        (outputs,) = replaced([outputs], [pair])
+    given = [s.time, ca.vertcat(s.x, s.z), memory, w, s.p]
+    columns = AllTimes(ca.Function("outputs", given, [outputs], SHARED)).columns()
+    first = np.unique(columns, return_index=True)[1].tolist()
+    results = [ca.densify(outputs[first, 0]), ca.densify(_laws(s, made, u)[2])]
+    return ca.Function("model_outputs", given, results, SHARED), columns
+
+
+def _inputs(s: System, expressions: Mapping[int, Callable[[ca.SX], ca.SX]]) -> tuple[ca.SX, ca.SX]:
+    """Return the symbols w of the inputs, and the inputs in them."""
+    n_u = s.u.numel()
+    w = ca.SX.sym("w", 2 * n_u + 1)
+    u = ca.SX(w[:n_u, 0] + w[n_u : 2 * n_u, 0] * (s.time - w[2 * n_u]))
+    for row, expression in expressions.items():
+        u[row] = ca.SX(expression(s.time))
+    return w, u
+
+
+def _decided(s: System, made: Machine | None, u: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
+    """Return what stands for friction forces, pulses, relations and inputs, to be replaced one after the other."""
+    if made is None:
+        return [(s.u, u)]
+    pulses = s.hybrid.pulses
+    old = [(s.frictions.force, made.force), (pulses, ca.SX.zeros(pulses.numel()))]
+    return [*old, (s.hybrid.relations, made.memory.whole.relations), (s.u, u)]
+
+
 def _laws(s: System, made: Machine | None, u: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     """Return the state and algebraic equations, indicators and differences of conditions in the arguments."""
     if made is None:
         ode, alg = replaced([s.ode, s.alg], [(s.u, u)])
         return ode, alg, ca.SX(0, 1), ca.SX(0, 1)
-    pulses, whole = s.hybrid.pulses, made.memory.whole
-    old = [(s.frictions.force, made.force), (pulses, ca.SX.zeros(pulses.numel()))]
-    old += [(s.hybrid.relations, whole.relations), (s.u, u)]
+    pulses = s.hybrid.pulses
     # the engine steps to ticks, so that the indicators of clocks, which stand last, are not needed
     indicators = made.indicators[: made.indicators.numel() - pulses.numel(), 0]
     laws = [s.ode, s.alg, s.hybrid.differences]
-    for pair in old:
+    for pair in _decided(s, made, u):
         laws = replaced(laws, [pair])
     (indicators,) = replaced([indicators], [(s.u, u)])
     ode, alg, differences = laws
@@ -120,8 +158,10 @@ def _next_tick(s: System, made: Machine | None) -> ca.SX:
     return ca.if_else(made.memory.note[0] == 0, ca.mmin(ticks), NEVER)
 
 
-def native_source(model: NativeModel, more: str = "") -> str:
-    """Return the C of a model with the engine, as one source; `more` stands at its end.
+def native_source(model: NativeModel, outputs: ca.Function, *, is_leaping: bool, more: str = "") -> str:
+    """Return the C of a model with the engine and outputs, as one source; `more` stands at its end.
+
+    With `is_leaping` it tries to step through the transients that held values start.
 
     Raises
     ------
@@ -129,9 +169,18 @@ def native_source(model: NativeModel, more: str = "") -> str:
         If CasADi cannot write a function.
     """
     generator = ca.CodeGenerator("model.c")
-    for function in model.functions:
+    for function in (*model.functions, outputs):
         generator.add(function)
-    return "\n".join([generator.dump(), engine_macros(model), *map(engine_part, ENGINE), more])
+    parts = [part for part in ENGINE if part != "engine.c"] + (["exponential.c"] if is_leaping else []) + ["engine.c"]
+    macros = engine_macros(model) + _sizes(outputs)
+    macros += f"#define N_V ({outputs.numel_out(0)})\n#define IS_LEAPING {is_leaping:d}\n"
+    return "\n".join([_unasked(generator.dump()), macros, *map(engine_part, parts), more])
+
+
+def _unasked(code: str) -> str:
+    """Return C of CasADi that does not ask whether an argument or a result is there: the engine gives all of them."""
+    code = re.sub(r"arg\[(\d+)\]\? arg\[\1\]\[(\d+)\] : 0", r"arg[\1][\2]", code)
+    return re.sub(r"if \(res\[\d+\]!=0\) res", "res", code)
 
 
 def engine_part(name: str) -> str:
@@ -141,11 +190,18 @@ def engine_part(name: str) -> str:
 
 def engine_macros(model: NativeModel) -> str:
     """Return the sizes that the engine asks for, as macros."""
-    sizes = {name.upper(): getattr(model, name) for name in ("n_x", "n_z", "n_m", "n_w", "n_p", "n_g")}
+    sizes = {name.upper(): getattr(model, name) for name in ("n_x", "n_z", "n_m", "n_w", "n_p", "n_g", "n_shadow")}
     # a model without events is never asked why it stopped, but the engine names the place
     sizes |= {"STOP": max(model.n_m - N_NOTE, 0), "CHATTER": CHATTER, "ROUNDS": ROUNDS}
-    for function in model.functions:
-        name = function.name()
-        sizes |= {f"ARGUMENTS_{name}": function.sz_arg(), f"RESULTS_{name}": function.sz_res()}
-        sizes |= {f"WORK_{name}": function.sz_w(), f"NUMBERS_{name}": function.sz_iw()}
-    return "\n".join(f"#define {name} ({value})" for name, value in sizes.items()) + "\n"
+    return _macros(sizes) + "".join(map(_sizes, model.functions))
+
+
+def _sizes(function: ca.Function) -> str:
+    """Return the sizes of what a function works with."""
+    name = function.name()
+    sizes = {f"ARGUMENTS_{name}": function.sz_arg(), f"RESULTS_{name}": function.sz_res()}
+    return _macros(sizes | {f"WORK_{name}": function.sz_w(), f"NUMBERS_{name}": function.sz_iw()})
+
+
+def _macros(sizes: Mapping[str, int]) -> str:
+    return "".join(f"#define {name} ({value})\n" for name, value in sizes.items())

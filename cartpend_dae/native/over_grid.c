@@ -12,15 +12,20 @@ static long end_of_piece(long k, long n, const double *inputs, const char *jumps
     return end;
 }
 
-/* Give the lowest and the largest magnitude of each indicator over the output times: what is below zero was missed. */
+/* Give all variables at the output times, and the lowest and the largest magnitude of each indicator over them: what is
+ * below zero was missed. */
 static void look_back(engine *e, long n, const double *grid, const double *inputs, const double *ys, const double *ms,
-                      double *lowest, double *largest)
+                      double *variables, double *lowest, double *largest)
 {
+    double found[ROOM(N_V)], y[ROOM(N_X - N_SHADOW + N_Z)];
     for (int g = 0; g < N_G; g++) lowest[g] = 1, largest[g] = 0;
-    for (long k = 0; N_G && k < n; k++) {
+    for (long k = 0; k < n; k++) {
         memcpy(e->now.w, inputs + (k < n - 1 ? k : k - 1) * N_W, sizeof(double) * N_W);
         memcpy(e->now.m, ms + k * N_M, sizeof(double) * N_M);
-        indicators_at(&e->now, grid[k], ys + k * N_Y, e->found);
+        memcpy(y, ys + k * N_Y, sizeof(double) * (N_X - N_SHADOW));
+        memcpy(y + N_X - N_SHADOW, ys + k * N_Y + N_X, sizeof(double) * N_Z);
+        EVALUATE(model_outputs, given(arguments, &e->now, grid + k, y), results[0] = found, results[1] = e->found);
+        for (int v = 0; v < N_V; v++) variables[v * n + k] = found[v];
         for (int g = 0; g < N_G; g++) {
             lowest[g] = fmin(lowest[g], e->found[g]);
             largest[g] = fmax(largest[g], fabs(e->found[g]));
@@ -31,11 +36,12 @@ static void look_back(engine *e, long n, const double *grid, const double *input
 /* Run from grid[0] to grid[n - 1].
  *
  * set: settings; start: y, m, p one after the other; inputs (n - 1, N_W); jumps (n - 1): whether an input jumps at the
- * begin of the interval. Fills ys (n, N_Y), ms (n, N_M) with what holds after a jump or an event, statistics (steps,
- * rejected, trials, events, time reached), lowest and largest (N_G). A run that stops keeps its last values. */
+ * begin of the interval. Fills ys (n, N_Y), ms (n, N_M) with what holds after a jump or an event, variables (N_V, n),
+ * statistics (steps, rejected, trials, events, time reached), lowest and largest (N_G). A run that stops keeps its last
+ * values. */
 CASADI_SYMBOL_EXPORT int run_over_grid(const double *set, const double *start, long n, const double *grid,
                                        const double *inputs, const char *jumps, double *ys, double *ms,
-                                       double *statistics, double *lowest, double *largest)
+                                       double *variables, double *statistics, double *lowest, double *largest)
 {
     engine e;
     memset(&e, 0, sizeof e);
@@ -59,6 +65,11 @@ CASADI_SYMBOL_EXPORT int run_over_grid(const double *set, const double *start, l
         }
         while (outcome >= 0 && outcome != STOPPED && e.now.t < grid[end] - closeness(grid[end])) {
             double from = e.now.t;
+#if IS_LEAPING
+            long later = next;
+            while (later < n - 1 && grid[later] <= from + closeness(from)) later++;
+            e.output_at = grid[later];
+#endif
             outcome = e.now.n_steps + e.now.n_trials < e.set.most_steps ? advance(&e, grid[end]) : TOO_MANY;
             if (outcome < 0) break;
             for (; next < end && grid[next] < e.until && e.now.t > from; next++) {
@@ -74,6 +85,6 @@ CASADI_SYMBOL_EXPORT int run_over_grid(const double *set, const double *start, l
     }
     statistics[0] = e.now.n_steps, statistics[1] = e.now.n_rejected, statistics[2] = e.now.n_trials;
     statistics[3] = e.now.n_events, statistics[4] = e.now.t;
-    look_back(&e, n, grid, inputs, ys, ms, lowest, largest);
+    if (outcome >= 0) look_back(&e, n, grid, inputs, ys, ms, variables, lowest, largest);
     return outcome;
 }

@@ -11,11 +11,12 @@ import numpy as np
 
 from cartpend_dae.compiled import compiled_library
 from cartpend_dae.events import Machine
-from cartpend_dae.native.model import NativeModel, engine_part, native_model, native_source
+from cartpend_dae.native.model import NativeModel, engine_part, native_model, native_outputs, native_source
 from cartpend_dae.system import System
 
 METHODS = {"erk": 0.0, "rosenbrock": 1.0}
 MOST_STEPS = 100_000_000
+MOST_LEAPING = 12  # so many states at most, where dense matrices of all are cheap
 STOPPED = 2
 FAILURES = {
     -1: "a rate is not finite",
@@ -39,12 +40,15 @@ class Settings:
 class NativeRun:
     """States (n_x, n), algebraic variables (n_z, n) and memory (n_m, n) at n times, and what it took.
 
+    `variables` (n_v, n) are the distinct ones of all variables, and variable k of the system is row ``columns[k]``.
     `lowest` and `largest` (n_g,) are the least value and the largest magnitude of each indicator at these times.
     """
 
     x: np.ndarray
     z: np.ndarray
     memory: np.ndarray
+    variables: np.ndarray
+    columns: np.ndarray
     lowest: np.ndarray
     largest: np.ndarray
     n_steps: int
@@ -59,6 +63,8 @@ class Engine:
 
     model: NativeModel
     library: ctypes.CDLL
+    n_v: int
+    columns: np.ndarray
 
     @property
     def depends_on_time(self) -> bool:
@@ -95,16 +101,18 @@ class Engine:
         first = np.concatenate([x, np.zeros(model.n_shadow), z, memory, p])
         values, jumps = np.ascontiguousarray(inputs[0], dtype=float), np.ascontiguousarray(inputs[1], dtype=np.int8)
         options = np.array([settings.rtol, settings.atol, settings.longest, MOST_STEPS, METHODS[settings.method]])
-        ys, ms, found = np.zeros((n, model.n_y)), np.zeros((n, model.n_m)), np.zeros(5)
+        ys, ms, found = np.empty((n, model.n_y)), np.empty((n, model.n_m)), np.zeros(5)
+        variables = np.empty((self.n_v, n))
         times = np.ascontiguousarray(grid, dtype=float)
         lowest, largest = np.zeros(model.n_g), np.zeros(model.n_g)
-        arrays = [options, first, times, values, jumps, ys, ms, found, lowest, largest]
+        arrays = [options, first, times, values, jumps, ys, ms, variables, found, lowest, largest]
         pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in arrays]
         outcome = self.library.run_over_grid(*pointers[:2], ctypes.c_long(n), *pointers[2:])
         if outcome < 0:
             raise RuntimeError(f"{FAILURES[outcome]} at {found[4]:.9g} s")
         counts = (round(number) for number in found[:4])
-        return NativeRun(ys[:, : x.size].T, ys[:, model.n_x :].T, ms.T, lowest, largest, *counts)
+        states = ys[:, : x.size].T, ys[:, model.n_x :].T, ms.T
+        return NativeRun(*states, variables, self.columns, lowest, largest, *counts)
 
 
 def loaded(
@@ -118,8 +126,11 @@ def loaded(
         As `native_model` takes them.
     """
     model = native_model(system, made, expressions)
-    path = compiled_library(lambda: native_source(model, engine_part("over_grid.c")), system.name)
-    return None if path is None else Engine(model, _opened(path))
+    is_leaping = system.hybrid.pulses.numel() > 0 and model.n_z == 0 and 0 < model.n_x <= MOST_LEAPING
+    more = engine_part("over_grid.c")
+    outputs, columns = native_outputs(system, made, expressions)
+    path = compiled_library(lambda: native_source(model, outputs, is_leaping=is_leaping, more=more), system.name)
+    return None if path is None else Engine(model, _opened(path), outputs.numel_out(0), columns)
 
 
 def _opened(path: Path) -> ctypes.CDLL:
