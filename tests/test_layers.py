@@ -15,7 +15,9 @@ MAX_LINES = 400
 
 LAYERS = """
     errors units graph explicit everyday notebook latex
+    parcel
     parallel
+    cluster
     explain linear compiled along
     quantities collector
     declarations switching
@@ -92,6 +94,7 @@ LAYERS = """
     fmi modelica
     plot
     report
+    fleet
     progress
     console
     project
@@ -104,7 +107,7 @@ LAYERS = """
 A folder is one layer, but for the files of it that have a line of their own.
 """
 
-HEAVY = {"fmpy", "h5py", "jinja2", "matplotlib", "pandas", "pyarrow", "pymoca", "xarray"}
+HEAVY = {"cloudpickle", "distributed", "fmpy", "h5py", "jinja2", "matplotlib", "pandas", "pyarrow", "pymoca", "xarray"}
 """Optional or slow to import: only these may be imported inside a function."""
 
 LAYER_OF = {module: level for level, line in enumerate(LAYERS.split("\n")) for module in line.split()}
