@@ -1,4 +1,4 @@
-"""Work on a Dask cluster: the same numbers to the last bit, whichever worker dies, and nothing lost with a scheduler."""
+"""Work on a Dask cluster: the same numbers to the last bit, whichever worker dies; nothing is lost with a scheduler."""
 
 import json
 import os
@@ -12,7 +12,8 @@ from contextlib import ExitStack, contextmanager
 import casadi as ca
 import numpy as np
 import pytest
-from test_discover_pendulum import COULOMB, clean_run, noisy_setup
+from test_discover_pendulum import clean_run, noisy_setup
+from test_fleet import content, fleet, studies
 from test_resume import CARDS, numbers
 from test_resume import setup as study
 from typer.testing import CliRunner
@@ -28,7 +29,11 @@ from cartpend_dae.parallel import in_parallel
 from cartpend_dae.parcel import packed, unpacked
 
 pytest.importorskip("distributed", reason="Dask is an optional extra")
-pytestmark = [pytest.mark.xdist_group("cluster"), pytest.mark.filterwarnings("ignore::ResourceWarning")]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.xdist_group("cluster"),
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+]
 
 
 class Site:
@@ -114,7 +119,7 @@ def test_an_error_on_a_worker_is_that_of_the_caller(shared):
 
 
 def test_work_that_a_worker_cannot_read_is_a_sentence(shared):
-    with pytest.raises(CutOffError, match="A worker of the cluster cannot read its work: .*No module named"):
+    with pytest.raises(CutOffError, match=r"A worker of the cluster cannot read its work: .*No module named"):
         list(in_parallel(site, [1], jobs=shared))  # a function of this file, which is not on the path of the workers
 
 
@@ -198,6 +203,15 @@ def test_without_dask_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(StudyError, match=r"pip install 'cartpend-dae\[cluster\]'"), cluster("tcp://127.0.0.1:9"):
         pass
+
+
+def test_a_fleet_on_a_cluster_has_the_results_of_one_process(shared, tmp_path):
+    made = studies(tmp_path, "one", "two", "three")
+    assert shared.size <= len(made)  # so that whole studies go to the workers
+    for out, options in (("here", []), ("there", ["--cluster", shared.address])):
+        result = fleet(*made, "--out", tmp_path / out, "--command", "identify", *options)
+        assert result.exit_code == 0, result.output
+    assert content(tmp_path / "here") == content(tmp_path / "there")
 
 
 def test_the_commands_take_a_cluster(shared, tmp_path):
