@@ -4,8 +4,11 @@ An `Executor` is a place for such work: processes of this machine (`Processes`),
 Work that a worker dies over is given to another one.
 """
 
+import faulthandler
 import multiprocessing
+import os
 import signal
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -167,7 +170,9 @@ class _Crew:
         # a fork has copies of these ends; were they left open, the others would not notice the end of this process
         foreign = (ours, *self.workers)
         worker = context.Process(target=_serve, args=(self.function, self.items, theirs, foreign), daemon=True)
-        worker.start()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # see `survives`
+            worker.start()
         theirs.close()  # so that the end of the worker is the end of the pipe
         self.workers[ours] = worker
         self.assign(ours)
@@ -191,6 +196,28 @@ class _Crew:
     def end(self) -> None:
         for pipe in list(self.workers):
             self.dismiss(pipe)
+
+
+def survives(work: Callable[[], object]) -> bool:
+    """Return whether a work leaves its process alive, tried in a fork of this one: libraries in C may crash.
+
+    What it returns, raises and prints is lost. Where a machine cannot fork, nothing is tried.
+    """
+    if not hasattr(os, "fork"):
+        return True
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # threads of numpy's are no harm to a child that needs none
+        child = os.fork()
+    if child:
+        return os.waitpid(child, 0)[1] == 0
+    try:
+        silent = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(silent, 1)
+        os.dup2(silent, 2)
+        faulthandler.disable()
+        work()
+    finally:
+        os._exit(0)
 
 
 def _given_up(deaths: int) -> CutOffError:

@@ -1,0 +1,64 @@
+"""kill -9 at random moments of a discovery, and of two at once in one folder."""
+
+import os
+import shutil
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+
+from mishaps.scene import Row, begun, content, ended, is_a_sentence, run, small_study
+
+
+def kills(folder: Path, times: int, seed: int = 0) -> list[Row]:
+    """Kill a discovery that often, each time at another moment, let it go on by `--resume`, and compare."""
+    study, log = small_study(folder / "study"), folder / "log"
+    whole = run(log, "discover", study, "--out", folder / "whole")
+    assert whole.code == 0, whole.stderr
+    expected, generator = content(folder / "whole"), np.random.default_rng(seed)
+    counts = {"killed": 0, "kept": 0, "lost": 0, "left": 0}
+    while counts["killed"] < times:
+        out = folder / "out"
+        shutil.rmtree(out, ignore_errors=True)
+        jobs = 1 + counts["killed"] % 2
+        moment = generator.uniform(0, whole.seconds)
+        pid = begun(log, "discover", study, "--out", out, "--jobs", jobs)
+        begin = time.monotonic()
+        while time.monotonic() - begin < moment and os.waitpid(pid, os.WNOHANG) == (0, 0):
+            time.sleep(0.002)
+        try:
+            os.kill(pid, signal.SIGKILL)
+        except ProcessLookupError:
+            continue  # it was done before
+        ended(pid, log, begin)
+        counts["killed"] += 1
+        counts["kept"] += any((out / "stages").glob("*.npz")) if out.is_dir() else 0
+        again = run(log, "discover", study, "--out", out, "--resume")
+        is_same = again.code == 0 and content(out) == expected
+        counts["lost"] += not is_same
+        counts["left"] += any(path.name.startswith(".") or path.name == "stages" for path in out.iterdir())
+    found = (
+        f"results of `--resume` the same to the last bit: {times - counts['lost']} of {times}; with stages to go on "
+        f"from: {counts['kept']}; with anything left over: {counts['left']}"
+    )
+    done = f"a discovery of {whole.seconds:.1f} s killed at a random moment (every other one with `--jobs 2`), resumed"
+    return [Row("`kill -9`", done, times, found, counts["lost"] + counts["left"])]
+
+
+def two_at_once(folder: Path, times: int) -> list[Row]:
+    """Start a second run in the folder of one that is at work."""
+    study, log, lost = small_study(folder / "study"), folder / "log", 0
+    assert run(log, "discover", study, "--out", folder / "whole").code == 0
+    expected = content(folder / "whole")
+    for k in range(times):
+        out = folder / f"out{k}"
+        begin = time.monotonic()
+        pid = begun(folder / "first", "discover", study, "--out", out)
+        while not (out / ".running").exists():
+            time.sleep(0.01)
+        second = run(log, "discover", study, "--out", out)
+        first = ended(pid, folder / "first", begin)
+        is_refused = is_a_sentence(second, 2, "another run is at work in this folder")
+        lost += not (is_refused and first.code == 0 and content(out) == expected)
+    return [Row("two runs in one folder", "a second `discover` into it", times, "refused; the first undisturbed", lost)]
