@@ -2,16 +2,15 @@
 
 import json
 import os
-import socket
-import subprocess
 import sys
 import threading
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 
 import casadi as ca
 import numpy as np
 import pytest
+from mishaps.site import site
 from test_discover_pendulum import clean_run, noisy_setup
 from test_fleet import content, fleet, studies
 from test_resume import CARDS, numbers
@@ -34,44 +33,6 @@ pytestmark = [
     pytest.mark.xdist_group("cluster"),
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
 ]
-
-
-class Site:
-    """A scheduler and workers in processes of their own, on this machine."""
-
-    def __init__(self, folder):
-        self.folder = folder
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self.address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-        port = self.address.rpartition(":")[2]
-        self.scheduler = self._start("dask_scheduler", "--host", "127.0.0.1", "--port", port)
-        self.workers = []
-
-    def hire(self):
-        self.workers.append(self._start("dask_worker", self.address, "--nthreads", "2", "--no-nanny"))
-
-    def _start(self, program, *arguments):
-        command = [sys.executable, "-m", f"distributed.cli.{program}", *arguments, "--no-dashboard"]
-        return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=self.folder)
-
-    def end(self):
-        for process in (*self.workers, self.scheduler):
-            process.kill()
-            process.wait()
-
-
-@contextmanager
-def site(folder, workers=2):
-    made = Site(folder)
-    try:
-        for _ in range(workers):
-            made.hire()
-        with cluster(made.address) as place:
-            place.client.wait_for_workers(workers, timeout=60)
-            yield made, place
-    finally:
-        made.end()
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +81,7 @@ def test_an_error_on_a_worker_is_that_of_the_caller(shared):
 
 def test_work_that_a_worker_cannot_read_is_a_sentence(shared):
     with pytest.raises(CutOffError, match=r"A worker of the cluster cannot read its work: .*No module named"):
-        list(in_parallel(site, [1], jobs=shared))  # a function of this file, which is not on the path of the workers
+        list(in_parallel(site, [1], jobs=shared))  # a function of the tests, which is not on the path of the workers
 
 
 def test_a_worker_with_another_version_is_refused(shared, monkeypatch):

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mishaps.scene import Row, begun, content, ended, is_a_sentence, run, small_study
+from mishaps.site import site
 
 
 def kills(folder: Path, times: int, seed: int = 0) -> list[Row]:
@@ -62,3 +63,32 @@ def two_at_once(folder: Path, times: int) -> list[Row]:
         is_refused = is_a_sentence(second, 2, "another run is at work in this folder")
         lost += not (is_refused and first.code == 0 and content(out) == expected)
     return [Row("two runs in one folder", "a second `discover` into it", times, "refused; the first undisturbed", lost)]
+
+
+def cluster(folder: Path, times: int, seed: int = 0) -> list[Row]:
+    """Kill a worker of a cluster while it works, and its scheduler."""
+    study, log, generator = small_study(folder / "study"), folder / "log", np.random.default_rng(seed)
+    whole = run(log, "discover", study, "--out", folder / "whole")
+    assert whole.code == 0, whole.stderr
+    expected, lost, rows = content(folder / "whole"), {"worker": 0, "scheduler": 0}, []
+    for k in range(2 * times):
+        what, out = ("worker", "scheduler")[k % 2], folder / f"out{k}"
+        call = ["discover", study, "--out", out, "--cluster"]
+        with site(folder) as (made, _):
+            begin = time.monotonic()
+            pid = begun(log, *call, made.address)
+            time.sleep(generator.uniform(0.3, 1.0) * whole.seconds)
+            (made.workers[0] if what == "worker" else made.scheduler).kill()
+            found = ended(pid, log, begin)
+        if found.code != 0:
+            lost[what] += what == "worker" or not is_a_sentence(found, 1, "The cluster at .* was lost")
+            with site(folder) as (made, _):
+                found = run(log, *call, made.address, "--resume")
+        lost[what] += not (found.code == 0 and content(out) == expected)
+    done = "of two killed while `discover --cluster` works"
+    rows.append(Row("a worker dies", f"one {done}", times, "the other did its part, the same result", lost["worker"]))
+    found = "a sentence; with another one `--resume` gave the same to the last bit"
+    rows.append(
+        Row("a scheduler dies", "it is killed while `discover --cluster` works", times, found, lost["scheduler"])
+    )
+    return rows

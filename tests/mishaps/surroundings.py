@@ -78,10 +78,10 @@ def no_display(folder: Path) -> list[Row]:
     return [Row("no display, no home", "`discover` and `simulate` with their figures", len(calls), "as ever", lost)]
 
 
-def strange_names(folder: Path) -> list[Row]:
+def strange_names(folder: Path, names: tuple[str, ...] = STRANGE) -> list[Row]:
     """Work in folders with spaces, accents and signs in their names, named from inside and from outside."""
     lost, times = 0, 0
-    for name in STRANGE:
+    for name in names:
         study = small_study(folder / name / "study")
         place, model = study.parent, study.with_suffix(".py")
         out = place.parent / f"results of {name}"
@@ -95,7 +95,7 @@ def strange_names(folder: Path) -> list[Row]:
             if found.code != 0 or "Traceback" in found.stderr:
                 lost += 1
                 print("strange name:", *call, found.code, found.stderr[-500:])
-    done = f"{len(calls)} commands in {len(STRANGE)} folders such as `{STRANGE[0]}`"
+    done = f"{len(calls)} commands in {len(names)} folders such as `{names[0]}`"
     return [Row("spaces, accents and signs in paths", done, times, "as ever", lost)]
 
 
