@@ -3,12 +3,14 @@
 import os
 import shutil
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
 import numpy as np
 
-from mishaps.scene import Row, begun, content, ended, is_a_sentence, run, small_study
+from mishaps.scene import Ended, Row, begun, content, ended, is_a_sentence, run, small_study
 from mishaps.site import site
 
 
@@ -70,25 +72,39 @@ def cluster(folder: Path, times: int, seed: int = 0) -> list[Row]:
     study, log, generator = small_study(folder / "study"), folder / "log", np.random.default_rng(seed)
     whole = run(log, "discover", study, "--out", folder / "whole")
     assert whole.code == 0, whole.stderr
-    expected, lost, rows = content(folder / "whole"), {"worker": 0, "scheduler": 0}, []
+    expected, lost, stopped = content(folder / "whole"), {"worker": 0, "scheduler": 0}, 0
     for k in range(2 * times):
         what, out = ("worker", "scheduler")[k % 2], folder / f"out{k}"
         call = ["discover", study, "--out", out, "--cluster"]
         with site(folder) as (made, _):
-            begin = time.monotonic()
-            pid = begun(log, *call, made.address)
-            time.sleep(generator.uniform(0.3, 1.0) * whole.seconds)
+            process = _apart(log, *call, made.address)
+            while not any((out / "stages").glob("fit-*.npz")) and process.poll() is None:
+                time.sleep(0.02)  # until its work begins
+            time.sleep(generator.uniform(0, 0.7) * whole.seconds)
             (made.workers[0] if what == "worker" else made.scheduler).kill()
-            found = ended(pid, log, begin)
+            found = _ended(process, log)
         if found.code != 0:
+            stopped += 1
             lost[what] += what == "worker" or not is_a_sentence(found, 1, "The cluster at .* was lost")
             with site(folder) as (made, _):
-                found = run(log, *call, made.address, "--resume")
+                found = _ended(_apart(log, *call, made.address, "--resume"), log)
         lost[what] += not (found.code == 0 and content(out) == expected)
-    done = "of two killed while `discover --cluster` works"
-    rows.append(Row("a worker dies", f"one {done}", times, "the other did its part, the same result", lost["worker"]))
-    found = "a sentence; with another one `--resume` gave the same to the last bit"
-    rows.append(
-        Row("a scheduler dies", "it is killed while `discover --cluster` works", times, found, lost["scheduler"])
-    )
-    return rows
+    done = "killed while `discover --cluster` works"
+    same = f"{stopped} ended in a sentence; with another one `--resume` gave the same to the last bit"
+    return [
+        Row("a worker dies", f"one of two {done}", times, "the other did its part: the same result", lost["worker"]),
+        Row("a scheduler dies", f"{done}", times, same, lost["scheduler"]),
+    ]
+
+
+def _apart(log: Path, *arguments: object) -> "subprocess.Popen[bytes]":
+    """Start a command in a process that is no fork of this one, which is connected to the cluster itself."""
+    command = [sys.executable, "-m", "cartpend_dae.cli", *map(str, arguments)]
+    with log.with_suffix(".out").open("wb") as out, log.with_suffix(".err").open("wb") as err:
+        return subprocess.Popen(command, stdout=out, stderr=err)
+
+
+def _ended(process: "subprocess.Popen[bytes]", log: Path) -> Ended:
+    process.wait()
+    texts = [log.with_suffix(f".{stream}").read_text("utf-8", errors="replace") for stream in ("out", "err")]
+    return Ended(process.returncode, *texts, 0.0)
