@@ -47,24 +47,37 @@ def cluster(address: str) -> Iterator["Cluster"]:
         import distributed  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise StudyError("`--cluster` needs Dask: pip install 'cartpend-dae[cluster]'.") from None
-    log = logging.getLogger("distributed")
-    level, client = log.level, None
-    log.setLevel(logging.CRITICAL)  # what it has to say about a lost connection is said here in a sentence
-    try:
+    client = None
+    with _quiet():
         try:
-            client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
-            client.wait_for_workers(1, timeout=PATIENCE)
-        except (OSError, ValueError, ImportError) as error:
-            clause = " ".join(str(error).split()).rstrip(".")
-            raise StudyError(
-                f"`--cluster {address}`: no scheduler with workers answers there ({clause}); start them by "
-                f"`dask scheduler` and `dask worker {address}`."
-            ) from None
-        yield Cluster(client, address)
+            try:
+                client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
+                client.wait_for_workers(1, timeout=PATIENCE)
+            except (OSError, ValueError, ImportError) as error:
+                clause = " ".join(str(error).split()).rstrip(".")
+                raise StudyError(
+                    f"`--cluster {address}`: no scheduler with workers answers there ({clause}); start them by "
+                    f"`dask scheduler` and `dask worker {address}`."
+                ) from None
+            yield Cluster(client, address)
+        finally:
+            if client is not None:
+                client.close(timeout=LOOK)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Dask from logging: what it has to say about a lost connection is said here in a sentence."""
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]
+    logs = [logging.getLogger(name) for name in names]
+    before = [log.disabled for log in logs]
+    for log in logs:
+        log.disabled = True
+    try:
+        yield
     finally:
-        if client is not None:
-            client.close(timeout=LOOK)
-        log.setLevel(level)
+        for log, was in zip(logs, before, strict=True):
+            log.disabled = was
 
 
 @contextmanager
