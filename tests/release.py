@@ -38,7 +38,21 @@ TESTS = [
     "test_fmi",
     "test_modelica",
 ]
-SHOWN = ("casadi", "numpy", "scipy", "pandas", "matplotlib", "pydantic", "typer", "rich", "fmpy", "jinja2")
+SHOWN = (
+    "casadi",
+    "numpy",
+    "scipy",
+    "pandas",
+    "matplotlib",
+    "pydantic",
+    "typer",
+    "rich",
+    "fmpy",
+    "jinja2",
+    "pyarrow",
+    "h5py",
+    "distributed",
+)
 
 
 def main():
@@ -92,6 +106,11 @@ def quiet():
     return {"capture_output": True, "text": True, "check": False}
 
 
+def clean():
+    """Return the environment without what would lead to another copy of the package."""
+    return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+
+
 def built(dist):
     """Build sdist and wheel, the wheel from the sdist; return their paths."""
     subprocess.run([uv(), "build", "--quiet", "--out-dir", str(dist), str(ROOT)], check=True)
@@ -106,13 +125,14 @@ def tried(what, version, python, package, resolution, tests, place):
     home = place / f"{what}-{version}-{resolution}"
     subprocess.run([uv(), "venv", "--quiet", "--python", python, str(home)], check=True)
     bin_ = home / "bin"
-    install = [uv(), "pip", "install", "--quiet", "--python", str(bin_ / "python"), f"{package}[{EXTRAS}]"]
-    done = subprocess.run([*install, *TOOLS, "--resolution", resolution], **quiet())
+    done = installed(home, package, resolution)
     if done.returncode:
         row["versions"] += f": cannot be installed ({done.stderr.strip().splitlines()[-1][:200]})"
     else:
         row["versions"] += f" ({versions(bin_)})"
-        demo = subprocess.run([str(bin_ / "cartpend"), "demo", "--out", str(home / "demo")], cwd=home, **quiet())
+        demo = subprocess.run(
+            [str(bin_ / "cartpend"), "demo", "--out", str(home / "demo")], cwd=home, env=clean(), **quiet()
+        )
         row["demo"] = _demo(home / "demo" / "results" / "result.json", demo)
         row["tests"] = tested(bin_, home, tests) if tests else "–"
         row["good"] = row["demo"] == "right" and "failed" not in row["tests"] and "error" not in row["tests"]
@@ -120,6 +140,19 @@ def tried(what, version, python, package, resolution, tests, place):
     print(" | ".join(str(value) for value in row.values()), flush=True)
     shutil.rmtree(home, ignore_errors=True)
     return row
+
+
+def installed(home, package, resolution):
+    """Install a package with the oldest or the newest versions of what pyproject.toml names, and tools to test it."""
+    interpreter, locked = str(home / "bin" / "python"), str(home / "locked.txt")
+    lock = [uv(), "pip", "compile", "--quiet", "--python", interpreter, "--resolution", resolution, "-o", locked]
+    extras = [word for name in EXTRAS.split(",") for word in ("--extra", name)]
+    # what has no wheel for a Python was not made for it
+    done = subprocess.run([*lock, "--only-binary", ":all:", *extras, str(ROOT / "pyproject.toml")], **quiet())
+    if done.returncode:
+        return done
+    install = [uv(), "pip", "install", "--quiet", "--python", interpreter, "-r", locked, str(package), *TOOLS]
+    return subprocess.run(install, **quiet())
 
 
 def versions(bin_):
@@ -144,13 +177,12 @@ def tested(bin_, home, tests):
     for name in ("tests", "models", "docs", "pyproject.toml", "README.md"):
         source = ROOT / name
         (shutil.copytree if source.is_dir() else shutil.copy)(source, copy / name)
-    environment = {**os.environ, "PYTHONPATH": ""}
     # the package is that which is installed: the folder of the checkout is not on the path
     command = [str(bin_ / "python"), "-m", "pytest", "-q", "-p", "no:cacheprovider", "-x", "--maxfail=20"]
     files = [f"tests/{name}.py" for name in tests]
     where = [str(bin_ / "python"), "-c", "import cartpend_dae; print(cartpend_dae.__file__)"]
-    assert "site-packages" in subprocess.run(where, cwd=home, env=environment, **quiet()).stdout
-    done = subprocess.run([*command, *files], cwd=copy, env=environment, **quiet())
+    assert "site-packages" in subprocess.run(where, cwd=home, env=clean(), **quiet()).stdout
+    done = subprocess.run([*command, *files], cwd=copy, env=clean(), **quiet())
     last = done.stdout.strip().splitlines()[-1] if done.stdout.strip() else done.stderr[-300:]
     if done.returncode:
         print(

@@ -19,8 +19,8 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 from benchmarks import faults_text, page  # noqa: E402 - of this repository, wherever it stands
 from mishaps import disks, fuzzing, kills, surroundings  # noqa: E402
 
-SIZES = (4, 12, 20, 40, 60, 80, 120, 160, 200, 300, 400, 600)
-BOUNDS = (1, 2, 4, 8, 16, 32, 50, 100)
+SIZES = (8, 20, 40, 80, 160, 300)
+BOUNDS = (1, 8, 32, 100)
 SECTIONS = {
     "kills": lambda folder, options: kills.kills(folder, options.kills),
     "two": lambda folder, options: kills.two_at_once(folder, 5),

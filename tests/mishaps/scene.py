@@ -5,6 +5,7 @@ import os
 import re
 import sys
 import time
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,7 +49,9 @@ def small_study(folder: Path, seconds: float = 2.0) -> Path:
 def begun(log: Path, *arguments: object, setup=lambda: None) -> int:
     """Start a command in a fork, which has everything imported already; return its process id."""
     sys.stdout.flush()
-    pid = os.fork()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # threads of numpy's, which the fork does without
+        pid = os.fork()
     if pid:
         return pid
     code = 70
