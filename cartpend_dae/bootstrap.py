@@ -10,7 +10,7 @@ from cartpend_dae.cuts import run_of
 from cartpend_dae.data import Experiment
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.identify import Fit, estimate
-from cartpend_dae.parallel import in_parallel
+from cartpend_dae.parallel import Workers, in_parallel
 from cartpend_dae.problem import Problem
 
 
@@ -49,7 +49,7 @@ def bootstrap(
     kind: Kind = Kind.parametric,
     block: int | None = None,
     seed: int = 0,
-    jobs: int = 1,
+    jobs: Workers = 1,
 ) -> Bootstrap:
     """Fit data made anew so many times.
 
@@ -69,7 +69,7 @@ def bootstrap(
     seed
         Which noise.
     jobs
-        Number of processes; the result does not depend on it.
+        Number of processes, or an executor; the result does not depend on it.
 
     Raises
     ------

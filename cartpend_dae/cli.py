@@ -59,6 +59,11 @@ COMMANDS = {
         "discover",
         "Find which physical effect the model of a study lacks, add it, refit, and show the error before and after.",
     ),
+    "fleet": Command(
+        "fleets",
+        "fleet",
+        "Carry out many studies, each into a folder of its own; a bad one does not stop the others, but exits with 1.",
+    ),
     "report": Command("studies", "report", "Write the report of a result again, from what stands in its folder."),
     "diff": Command(
         "projects",

@@ -200,7 +200,7 @@ def no_reference(flat: FlatSystem, potentials: list[int]) -> str:
     )
 
 
-PRESCRIBED = {
+PRESCRIBED: dict[tuple[str, ...], str] = {
     ("V", "A"): "a voltage is prescribed at a capacitor, or a current at an inductor. Put a resistor between them",
     ("m", "m/s", "rad", "rad/s"): "a motion is prescribed without its speed. Drive it by a force or through a spring",
     ("N",): "a force acts where no mass is, so that the speed follows the changes of the force. Put a mass there",

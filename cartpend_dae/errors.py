@@ -27,6 +27,14 @@ class SolverError(CartpendError, RuntimeError):
     """The numbers failed: an integrator, a start value problem or an estimation did not converge."""
 
 
+class CutOffError(CartpendError, RuntimeError):
+    """Something outside ended the work: a full disk, workers that died, a cluster that is gone. Mend it and resume."""
+
+
+class LostError(CutOffError):
+    """The place where the work was done is gone with all its workers. Mend it and resume."""
+
+
 class StudyError(CartpendError, ValueError):
     """An input file is wrong: a study, a log or a model file, with the key or column named."""
 

@@ -7,7 +7,7 @@ from scipy.interpolate import PchipInterpolator
 
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.identify import Fit, estimate
-from cartpend_dae.parallel import in_parallel
+from cartpend_dae.parallel import Workers, in_parallel
 from cartpend_dae.problem import Problem
 from cartpend_dae.shooting import linearised
 from cartpend_dae.uncertainty import NORMAL_95
@@ -31,7 +31,7 @@ class Profile:
     interval: tuple[float, float]
 
 
-def profile(problem: Problem, fit: Fit, name: str, *, jobs: int = 1) -> Profile:
+def profile(problem: Problem, fit: Fit, name: str, *, jobs: Workers = 1) -> Profile:
     """Follow the profile of the cost along one parameter, with all others fitted again.
 
     z^2 is twice the rise of the cost, over the ratio of the reported variance to that of uncorrelated noise of the
@@ -46,7 +46,7 @@ def profile(problem: Problem, fit: Fit, name: str, *, jobs: int = 1) -> Profile:
     name
         The parameter.
     jobs
-        Number of processes; two at most are of use.
+        Number of processes, or an executor; two workers at most are of use.
 
     Raises
     ------

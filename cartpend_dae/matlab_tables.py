@@ -164,7 +164,7 @@ def _columns(name: str, value: object) -> Iterator[tuple[str, NDArray[Any]]]:
         yield from ((f"{name}(:,{j + 1})", array[:, j]) for j in range(array.shape[1]))
 
 
-def read_hdf5(path: Path, wanted: Iterable[str], *, is_matlab: bool) -> Table:
+def read_hdf5(path: Path, wanted: Iterable[str], *, is_matlab: bool = False) -> Table:
     """Read the wanted columns of an HDF5 file; MATLAB writes matrices transposed.
 
     Raises

@@ -14,21 +14,21 @@ from cartpend_dae.discover.workbench import Report, Workbench
 from cartpend_dae.errors import SolverError
 from cartpend_dae.exact_form import finished
 from cartpend_dae.identify import Fit
-from cartpend_dae.parallel import in_parallel
+from cartpend_dae.parallel import Workers, in_parallel, is_shared
 from cartpend_dae.problem import Problem
 from cartpend_dae.starting import best_of, check_reach, off_the_bounds, shifted, start_points
 
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """How a study is fitted: from how many starts, in how many processes, scattered by which seed.
+    """How a study is fitted: from how many starts, in how many processes or by which executor, scattered by which seed.
 
     `exact` as of `exact_form.finished`.
     """
 
     starts: int = 1
     seed: int = 0
-    jobs: int = 1
+    jobs: Workers = 1
     exact: bool | None = None
 
 
@@ -61,9 +61,11 @@ def fit_study(setup: Setup, route: Route, report: Report) -> tuple[Problem, Fit]
     sd = problem.prior_sd
     points = [shifted(problem.layout.free, point) for point in start_points(free, route.starts, route.seed)]
 
+    at = bench.quiet() if is_shared(route.jobs) else bench
+
     def attempt(point: Mapping[str, float]) -> Fit | SolverError:
         try:
-            return _fit(bench, point, sd)
+            return _fit(at, point, sd)
         except SolverError as error:
             return error
 

@@ -8,6 +8,7 @@ from cartpend_dae.discover import FreeSpec
 from cartpend_dae.errors import StudyError
 from cartpend_dae.experiment_design import Plan, Ranking, known_from, nothing_known, rank
 from cartpend_dae.identify import Fit
+from cartpend_dae.parallel import Workers
 from cartpend_dae.problem import Problem, dominant_frequency, free_parameter
 from cartpend_dae.session import Opened, Report, solve_study
 from cartpend_dae.study_schema import DesignSpec
@@ -17,7 +18,7 @@ from cartpend_dae.unknowns import Free, tie
 RATE, ABOVE, BELOW = 100.0, 5.0, 0.1
 
 
-def design_study(opened: Opened, *, report: Report | None = None, jobs: int = 1) -> Ranking:
+def design_study(opened: Opened, *, report: Report | None = None, jobs: Workers = 1) -> Ranking:
     """Rank the experiments that a study allows, at the parameters fitted to its runs; without runs at the guesses.
 
     Parameters
@@ -27,7 +28,7 @@ def design_study(opened: Opened, *, report: Report | None = None, jobs: int = 1)
     report
         Called with (stage, what is fitted, residual in noise sds) after each fit.
     jobs
-        Number of processes, where the study asks for several starts.
+        Number of processes, or an executor, where the study asks for several starts.
 
     Raises
     ------

@@ -16,7 +16,7 @@ from cartpend_dae.unknowns import Free
 Hessian = Literal["gauss-newton", "exact"]
 
 # residuals are in standard deviations: a change of the cost by 1e-6 is far below any decision
-SETTINGS = {
+SETTINGS: dict[str, str | bool | float] = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
     "print_time": False,

@@ -122,7 +122,7 @@ class Quantity:
 
     def __init__(self, declaration: Declaration) -> None:
         self.declaration = declaration
-        self.name = ""
+        self.name: str = ""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -204,7 +204,8 @@ class PortField(Generic[P]):
     """The declaration of a port of class `kind`; on an instance the port itself."""
 
     def __init__(self, kind: type[P], doc: str) -> None:
-        self.kind, self.doc, self.name = kind, doc, ""
+        self.kind, self.doc = kind, doc
+        self.name: str = ""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name

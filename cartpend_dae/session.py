@@ -23,6 +23,7 @@ from cartpend_dae.errors import ModelError, StudyError
 from cartpend_dae.identify import Fit
 from cartpend_dae.language import Component
 from cartpend_dae.multistart import Route, fit_study
+from cartpend_dae.parallel import Workers
 from cartpend_dae.pieces import load_experiments
 from cartpend_dae.problem import Problem, make_problem
 from cartpend_dae.quantities import HIDDEN
@@ -127,7 +128,7 @@ def open_study(path: Path | str, *, needs_runs: bool = True, inner: Inner | None
     )
 
 
-def identify_study(study: Opened | Path | str, *, report: Report | None = None, jobs: int = 1) -> Fit:
+def identify_study(study: Opened | Path | str, *, report: Report | None = None, jobs: Workers = 1) -> Fit:
     """Estimate the free parameters and start states of a study on its training runs.
 
     Parameters
@@ -137,7 +138,7 @@ def identify_study(study: Opened | Path | str, *, report: Report | None = None, 
     report
         Called with (stage, what is fitted, residual in noise sds) after each fit.
     jobs
-        Number of processes, where the study asks for several starts; the result does not depend on it.
+        Number of processes, or an executor, where the study asks for several starts; the result does not depend on it.
 
     Raises
     ------
@@ -149,17 +150,17 @@ def identify_study(study: Opened | Path | str, *, report: Report | None = None, 
     return solve_study(study if isinstance(study, Opened) else open_study(study), report=report, jobs=jobs)[1]
 
 
-def solve_study(opened: Opened, *, report: Report | None = None, jobs: int = 1) -> tuple[Problem, Fit]:
+def solve_study(opened: Opened, *, report: Report | None = None, jobs: Workers = 1) -> tuple[Problem, Fit]:
     """Return the estimation problem of a study and its solution; see `identify_study`."""
     options = opened.study.identify
-    return fit_study(opened.setup, Route(options.starts, options.seed, jobs, options.exact), report or _silent)
+    return fit_study(opened.setup, Route(options.starts, options.seed, jobs, options.exact), report or silent)
 
 
 def discover_study(
     study: Opened | Path | str,
     *,
     report: Report | None = None,
-    jobs: int = 1,
+    jobs: Workers = 1,
     stages: Path | None = None,
     placebo: int = 0,
     power: int = 0,
@@ -173,7 +174,7 @@ def discover_study(
     report
         Called with (stage, candidate, residual in noise sds) after each fit.
     jobs
-        Number of processes in which candidates are fitted; the result does not depend on it.
+        Number of processes in which candidates are fitted, or an executor; the result does not depend on it.
     stages
         Folder in which finished stages are kept; what is there already of the same study is not done again.
     placebo, power
@@ -186,23 +187,23 @@ def discover_study(
         only_at=opened.places,
         max_steps=opened.study.discover.max_steps,
         regime=opened.regime,
-        report=report or _silent,
+        report=report or silent,
         jobs=jobs,
-        store=None if stages is None else store_for(opened.setup, stages, _further(opened)),
+        store=None if stages is None else store_for(opened.setup, stages, further_of(opened)),
         placebo=placebo,
         power=power,
     )
 
 
-def _further(opened: Opened) -> tuple[object, ...]:
+def further_of(opened: Opened) -> tuple[object, ...]:
     """Return what the result of a search depends on besides its setup and the package."""
     options = opened.study.discover
     own = tuple(file.read_bytes().hex() for file in options.cards)
     return own, tuple(card.id for card in opened.cards), opened.places, options.max_steps, opened.regime
 
 
-def _silent(stage: str, label: str, error: float) -> None:
-    return None
+def silent(stage: str, label: str, error: float) -> None:
+    """Report nothing."""
 
 
 _Ties = tuple[tuple[str, str], ...]

@@ -22,6 +22,7 @@ from pydantic import TypeAdapter, ValidationError
 from cartpend_dae import units
 from cartpend_dae.errors import ModelError, StudyError
 from cartpend_dae.language import Component
+from cartpend_dae.parcel import PRIVATE
 from cartpend_dae.study_schema import (
     DesignSpec,
     DiscoverSpec,
@@ -318,7 +319,7 @@ def run_file(path: Path, what: str = "model file") -> types.ModuleType:
     """
     if not path.is_file():
         raise StudyError(f"{path}: there is no such {what}.")
-    name = f"_cartpend_model_{sha256(str(path).encode()).hexdigest()[:16]}"
+    name = f"{PRIVATE}{sha256(str(path).encode()).hexdigest()[:16]}"
     spec = importlib.util.spec_from_loader(name, loader=None, origin=str(path))
     if spec is None:
         raise StudyError(f"{path}: the {what} cannot be loaded as a Python module.")

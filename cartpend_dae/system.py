@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Literal
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from cartpend_dae.errors import ModelError, unknown_name
 from cartpend_dae.hybrid import Hybrid
 from cartpend_dae.latex import equations_html
+from cartpend_dae.parcel import Local
 from cartpend_dae.quantities import Declaration
 
 Kind = Literal["variable", "potential", "flow", "input", "output", "discrete"]
@@ -229,7 +230,7 @@ class System:
     aliased: AliasedSystem
     names: dict[tuple[int, int], str]
     positions: tuple[dict[str, int], dict[str, int]] = field(init=False, repr=False, compare=False)
-    kept: dict[str, dict] = field(default_factory=dict, init=False, repr=False, compare=False)
+    kept: dict[str, dict[Any, Any]] = field(default_factory=Local, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Make the tables of names."""

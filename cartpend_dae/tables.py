@@ -4,13 +4,14 @@ The end of a file's name says which it is. Errors are clauses that `recording` c
 experiment.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cartpend_dae.columns import Table, check_size, located, readable_unit, split_unit
 from cartpend_dae.errors import StudyError
 from cartpend_dae.matlab_tables import read_hdf5, read_matlab
+from cartpend_dae.parallel import survives
 from cartpend_dae.study_schema import FormatSpec
 from cartpend_dae.text_tables import plain, read_text
 
@@ -36,10 +37,8 @@ def read_table(path: Path, format: FormatSpec, wanted: Iterable[str]) -> Table:
             raise StudyError("this is no ordinary file; write the data to a csv, txt, mat or parquet file.")
         if path.stat().st_size == 0 and kind not in (".csv", ".txt"):
             raise StudyError(f"the file is empty{_EMPTY.get(kind, ': the file holds no data')}; export it again.")
-        if kind == ".mat":
-            return read_matlab(path, wanted)
-        if kind in (".h5", ".hdf5"):
-            return read_hdf5(path, wanted, is_matlab=False)
+        if kind in _IN_C:
+            return _tried(_IN_C[kind], path, wanted)
         return _read_parquet(path, wanted) if kind == ".parquet" else read_text(path, format, wanted)
     except MemoryError:
         raise StudyError("the columns do not fit into memory; cut the file into runs.") from None
@@ -51,6 +50,17 @@ _EMPTY = {
     ".mat": ": the file is not a MATLAB file that can be read",
     ".parquet": ": the file is not a parquet file",
 }
+
+
+_IN_C = {".mat": read_matlab, ".h5": read_hdf5, ".hdf5": read_hdf5}
+"""What reads by libraries that damaged files can crash, with the process in which they are."""
+
+
+def _tried(read: Callable[[Path, Iterable[str]], Table], path: Path, wanted: Iterable[str]) -> Table:
+    """Read a file in a process apart first, which may die of it."""
+    if not survives(lambda: read(path, wanted)):
+        raise StudyError("the file is damaged, so that what reads it crashes; save it again.")
+    return read(path, wanted)
 
 
 def _read_parquet(path: Path, wanted: tuple[str, ...]) -> Table:

@@ -10,8 +10,7 @@ from unittest.mock import patch
 
 from typer.testing import CliRunner
 
-from cartpend_dae import cli
-from cartpend_dae.commands import studies
+from cartpend_dae import cli, fleet
 from cartpend_dae.discover import Discovery
 from cartpend_dae.session import Opened
 
@@ -44,13 +43,13 @@ def demo_run() -> DemoRun:
     keeper = tempfile.TemporaryDirectory(prefix="cartpend-demo-")
     folder = Path(keeper.name) / "demo"
     seen = []
-    write = studies.write_discovery
+    write = fleet.write_discovery
 
     def spy(out, opened, discovery, seconds):
         seen.append((opened, discovery))
         return write(out, opened, discovery, seconds)
 
-    with patch.object(studies, "write_discovery", spy):
+    with patch.object(fleet, "write_discovery", spy):
         printed = CliRunner().invoke(cli.app, ["demo", "--out", str(folder)])
     assert printed.exit_code == 0, printed.output
     run = DemoRun(folder, printed, *seen[0])

@@ -15,10 +15,10 @@ import pytest
 from demo_run import demo_run
 from typer.testing import CliRunner
 
-from cartpend_dae import cli, simulate
+from cartpend_dae import cli, fleet, simulate
 from cartpend_dae.commands import studies
 from cartpend_dae.compiled import SUFFIX
-from cartpend_dae.errors import StudyError
+from cartpend_dae.errors import CutOffError
 from cartpend_dae.report.files import complete
 from cartpend_dae.session import discover_study, identify_study, open_study
 from cartpend_dae.study import load_model, model_reference
@@ -424,7 +424,7 @@ def test_results_that_cannot_be_completed_leave_nothing(tmp_path):
     with pytest.raises(ZeroDivisionError), complete(tmp_path / "new") as partial:
         (partial / "half.txt").write_text("half")
         _ = 1 / 0
-    with pytest.raises(StudyError, match=r"cannot be written: disk full"), complete(tmp_path / "new") as partial:
+    with pytest.raises(CutOffError, match=r"cannot be written: disk full"), complete(tmp_path / "new") as partial:
         (partial / "half.txt").write_text("half")
         raise OSError(28, "disk full")
     assert not list(tmp_path.iterdir())
@@ -440,7 +440,7 @@ def test_interrupt_of_a_fit_is_a_sentence_and_130(study, monkeypatch):
         report("fit", "baseline", 1.0)
         raise AssertionError("the interrupt was lost")
 
-    monkeypatch.setattr(studies, "solve_study", interrupted)
+    monkeypatch.setattr(fleet, "solve_study", interrupted)
     handler = signal.getsignal(signal.SIGINT)
     before = files_in(study.parent)
     result = run("identify", study)
@@ -453,7 +453,7 @@ def test_interrupt_of_a_fit_is_a_sentence_and_130(study, monkeypatch):
 def test_interrupt_of_a_search_writes_the_best_so_far(study, monkeypatch):
     found = demo_run().discovery
     search = replace(found.search, interrupted=True)
-    monkeypatch.setattr(studies, "discover_study", lambda opened, **_: replace(found, search=search))
+    monkeypatch.setattr(fleet, "discover_study", lambda opened, **_: replace(found, search=search))
     result = run("discover", study, "--out", "results")
     assert result.exit_code == 0, result.output
     assert "The search was interrupted; this is the best so far." in result.stdout

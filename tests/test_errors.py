@@ -10,6 +10,8 @@ from cartpend_dae import errors
         (errors.StudyError, ValueError, 2),
         (errors.StructureError, errors.CartpendError, 2),
         (errors.SolverError, RuntimeError, 1),
+        (errors.CutOffError, RuntimeError, 1),
+        (errors.LostError, errors.CutOffError, 1),
     ],
 )
 def test_each_error_is_caught_by_its_base_and_by_the_standard_class(error, standard, exit_code):

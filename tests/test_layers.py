@@ -15,7 +15,9 @@ MAX_LINES = 400
 
 LAYERS = """
     errors units graph explicit everyday notebook latex
+    parcel
     parallel
+    cluster
     explain linear compiled along
     quantities collector
     declarations switching
@@ -92,6 +94,7 @@ LAYERS = """
     fmi modelica
     plot
     report
+    fleet
     progress
     console
     project
@@ -104,7 +107,7 @@ LAYERS = """
 A folder is one layer, but for the files of it that have a line of their own.
 """
 
-HEAVY = {"fmpy", "h5py", "jinja2", "matplotlib", "pandas", "pyarrow", "pymoca", "xarray"}
+HEAVY = {"cloudpickle", "distributed", "fmpy", "h5py", "jinja2", "matplotlib", "pandas", "pyarrow", "pymoca", "xarray"}
 """Optional or slow to import: only these may be imported inside a function."""
 
 LAYER_OF = {module: level for level, line in enumerate(LAYERS.split("\n")) for module in line.split()}
@@ -204,3 +207,29 @@ def test_files_inside_a_folder_do_not_import_in_a_circle():
     while free := {name for name in left if not graph[name] & left}:
         left -= free
     assert not left, f"imported in a circle: {sorted(left)}"
+
+
+RUNS_CODE = {"eval", "exec", "compile", "__import__"}
+UNPICKLES = {"pickle", "cPickle", "marshal", "shelve", "dill", "joblib", "cloudpickle"}
+
+
+def test_data_are_never_unpickled_or_evaluated():
+    """A model file is code and is run as such; parcels between processes of one's own are unpickled; nothing else."""
+    found = []
+    for file in FILES:
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call):
+                name = ast.unparse(node.func)
+                if name in RUNS_CODE and label(file) != "study.py":
+                    found.append(f"{label(file)}:{node.lineno} {name}")
+                if name.endswith(("np.load", "numpy.load")):
+                    refused = {k.arg: ast.unparse(k.value) for k in node.keywords}.get("allow_pickle") == "False"
+                    found += [] if refused else [f"{label(file)}:{node.lineno} {name}"]
+                if name.endswith("read_pickle"):
+                    found.append(f"{label(file)}:{node.lineno} {name}")
+        found += [
+            f"{label(file)} imports {one.target}"
+            for one in imports_of(file)
+            if one.target.split(".")[0] in UNPICKLES and label(file) != "parcel.py"
+        ]
+    assert not found, "\n".join(found)

@@ -8,8 +8,7 @@ import pytest
 from test_discover_pendulum import COULOMB, clean_run, noisy_setup
 from typer.testing import CliRunner
 
-from cartpend_dae import assemble, cli
-from cartpend_dae.commands import studies
+from cartpend_dae import assemble, cli, fleet
 from cartpend_dae.demo import make_demo
 from cartpend_dae.discover import discover, store_for
 from cartpend_dae.discover.store import Store, digest, packed, unpacked
@@ -116,7 +115,7 @@ def test_the_command_keeps_stages_while_it_is_interrupted_and_resumes(tmp_path, 
     study = make_demo(tmp_path)
     listing = ", ".join(f'"{name}"' for name in FEW)
     study.write_text(study.read_text("utf-8") + f"\n[discover]\ninclude = [{listing}]\n", "utf-8")
-    real, asked = studies.discover_study, []
+    real, asked = fleet.discover_study, []
 
     def interrupted(opened, *, report, **options):
         def late(stage, label, error):
@@ -126,7 +125,7 @@ def test_the_command_keeps_stages_while_it_is_interrupted_and_resumes(tmp_path, 
 
         return real(opened, report=late if not asked else report, **options)
 
-    monkeypatch.setattr(studies, "discover_study", interrupted)
+    monkeypatch.setattr(fleet, "discover_study", interrupted)
     out = tmp_path / "out"
     with pytest.raises(KilledError):
         CliRunner().invoke(cli.app, ["discover", str(study), "--out", str(out)], catch_exceptions=False)

@@ -1,32 +1,26 @@
 """The commands about a study: data, identification, design of experiments, discovery, report; the demonstration."""
 
-import time
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from cartpend_dae.bootstrap import Kind
+from cartpend_dae.cluster import workers
 from cartpend_dae.console import console_of_results, say, spoken, watched
 from cartpend_dae.data_report import describe_data
 from cartpend_dae.demo import make_demo
-from cartpend_dae.discover import residuals
-from cartpend_dae.errors import StudyError
-from cartpend_dae.fmi.component import fmus_in, inner_units
-from cartpend_dae.fmi.joint_study import fit_with_fmus
+from cartpend_dae.discover import Discovery
+from cartpend_dae.fleet import Order, carry_out
+from cartpend_dae.fmi.component import inner_units
 from cartpend_dae.planning import design_study
 from cartpend_dae.report import tables
+from cartpend_dae.report.alone import alone
 from cartpend_dae.report.beyond import beyond_sentences
 from cartpend_dae.report.data_tables import data_json, data_sentences, data_tables
-from cartpend_dae.report.files import (
-    check_folder,
-    kept_stages,
-    write_design,
-    write_discovery,
-    write_identification,
-)
+from cartpend_dae.report.files import check_folder, write_design
 from cartpend_dae.report.page import write_page
-from cartpend_dae.report.result import Identification, further, identification_of
+from cartpend_dae.report.result import Identification
 from cartpend_dae.report.text import (
     alias_sentence,
     discovery_sentence,
@@ -34,10 +28,14 @@ from cartpend_dae.report.text import (
     ranking_sentence,
     remarks,
 )
-from cartpend_dae.session import Opened, discover_study, open_study, solve_study
+from cartpend_dae.session import open_study
 
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (TOML).")]
 Jobs = Annotated[int, typer.Option(min=1, metavar="N", help="Number of processes; results do not depend on it.")]
+ClusterAt = Annotated[
+    str | None,
+    typer.Option("--cluster", metavar="ADDRESS", help="Dask scheduler, as tcp://10.0.0.1:8786, instead of processes."),
+]
 Out = Annotated[Path | None, typer.Option(help="Folder for the results; default: STUDY-results.")]
 
 
@@ -59,6 +57,7 @@ def identify(
     study: StudyFile,
     out: Out = None,
     jobs: Jobs = 1,
+    cluster: ClusterAt = None,
     profile: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="A parameter to follow the profile likelihood of.")
     ] = None,
@@ -68,30 +67,11 @@ def identify(
     """Estimate the free parameters of a study, with their uncertainty, and the error on every run."""
     out = out or Path(f"{study.stem}-results")
     check_folder(out)
-    begin = time.monotonic()
     opened = open_study(study, inner=inner_units)
-    if any(fmus_in(opened.model)):
-        _identify_with_fmus(opened, out, begin, has_more=bool(profile or bootstrap))
-        return
-    with watched() as report:
-        problem, fit = solve_study(opened, report=report, jobs=jobs)
-        asked = further(problem, fit, tuple(profile or ()), bootstrap, bootstrap_kind, opened.study.identify.seed, jobs)
-        found = identification_of(opened, fit, problem, *asked)
-        write_identification(out, opened, found, time.monotonic() - begin)
-    _tell_identification(opened, found, out)
-
-
-def _identify_with_fmus(opened: Opened, out: Path, begin: float, *, has_more: bool) -> None:
-    """Fit a model that FMUs are parts of, by joint runs."""
-    if has_more:
-        raise StudyError("`--profile` and `--bootstrap` cannot be used where parts of the model are FMUs.")
-    fit, errors = fit_with_fmus(opened)
-    found = Identification(fit, errors, residuals(fit))
-    write_identification(out, opened, found, time.monotonic() - begin, looks_ahead=False)
-    _tell_identification(opened, found, out)
-
-
-def _tell_identification(opened: Opened, found: Identification, out: Path) -> None:
+    order = Order("identify", profile=tuple(profile or ()), bootstrap=bootstrap, kind=bootstrap_kind)
+    with workers(jobs, cluster) as place, watched() as report:
+        found = carry_out(out, opened, order, jobs=place, report=report)
+    assert isinstance(found, Identification)
     console = console_of_results()
     console.print(tables.error_table(found.errors, None))
     if found.errors.scores:
@@ -104,14 +84,14 @@ def _tell_identification(opened: Opened, found: Identification, out: Path) -> No
 
 
 @spoken
-def design(study: StudyFile, out: Out = None, jobs: Jobs = 1) -> None:
+def design(study: StudyFile, out: Out = None, jobs: Jobs = 1, cluster: ClusterAt = None) -> None:
     """Rank candidate experiments by what they would say of the parameters that are known worst."""
     out = out or Path(f"{study.stem}-design")
     check_folder(out)
     opened = open_study(study, needs_runs=False)
-    with watched() as report:
-        ranking = design_study(opened, report=report, jobs=jobs)
-    write_design(out, opened, ranking)
+    with workers(jobs, cluster) as place, alone(out), watched() as report:
+        ranking = design_study(opened, report=report, jobs=place)
+        write_design(out, opened, ranking)
     console = console_of_results()
     console.print(tables.ranking_table(ranking))
     say(console, ranking_sentence(ranking), f"Written: {out}")
@@ -122,12 +102,14 @@ def discover(
     study: StudyFile,
     out: Out = None,
     jobs: Jobs = 1,
+    cluster: ClusterAt = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the last finished stage in the folder.")] = False,
     placebo: Annotated[int, typer.Option(min=0, metavar="N", help="Repeat on N data sets that lack nothing.")] = 0,
     power: Annotated[int, typer.Option(min=0, metavar="N", help="Repeat on N data sets without each effect.")] = 0,
 ) -> None:
     """Find which physical effect the model of a study lacks, add it, refit, and show the error before and after."""
-    _discover(study, out or Path(f"{study.stem}-results"), jobs, resume=resume, placebo=placebo, power=power)
+    order = Order("discover", placebo, power)
+    _discover(study, out or Path(f"{study.stem}-results"), order, jobs, cluster, resume=resume)
 
 
 @spoken
@@ -145,17 +127,17 @@ def demo(out: Annotated[Path, typer.Option(help="Folder for data and results.")]
     study = make_demo(out)
     story = "A rod pendulum was let go three times. Its model knows viscous friction only: what is missing?"
     say(console_of_results(), story, f"Study, model and logs: {study.parent}")
-    _discover(study, out / "results")
+    _discover(study, out / "results", Order("discover"))
 
 
-def _discover(study: Path, out: Path, jobs: int = 1, *, resume: bool = False, placebo: int = 0, power: int = 0) -> None:
+def _discover(
+    study: Path, out: Path, order: Order, jobs: int = 1, cluster: str | None = None, *, resume: bool = False
+) -> None:
     check_folder(out)
-    begin = time.monotonic()
     opened = open_study(study)
-    with kept_stages(out, resume=resume) as kept, watched() as report:
-        discovery = discover_study(opened, report=report, jobs=jobs, stages=kept.folder, placebo=placebo, power=power)
-        write_discovery(out, opened, discovery, time.monotonic() - begin)
-        kept.is_done = not discovery.search.interrupted
+    with workers(jobs, cluster) as place, watched() as report:
+        discovery = carry_out(out, opened, order, jobs=place, resume=resume, report=report)
+    assert isinstance(discovery, Discovery)
     search = discovery.search
     console = console_of_results()
     if search.candidates:

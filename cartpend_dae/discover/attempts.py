@@ -1,7 +1,8 @@
 """A work on each of several candidates, in several processes if the workbench has them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -9,7 +10,10 @@ from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.identify import Fit
-from cartpend_dae.parallel import in_parallel
+from cartpend_dae.parallel import executor, in_parallel, is_shared
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
 def each(
@@ -17,8 +21,8 @@ def each(
 ) -> list[Candidate]:
     """Do a work on each candidate, in several processes if the workbench has them; failures say why."""
     bench.begin(stage, len(items))
-    is_shared = bench.jobs > 1
-    at = bench.quiet() if is_shared else bench
+    is_quiet = is_shared(bench.jobs)
+    at = bench.quiet() if is_quiet else bench
 
     def attempt(candidate: Candidate) -> tuple[dict[str, float], float, float, Fit | None, str, float | None]:
         try:
@@ -27,11 +31,50 @@ def each(
             return candidate.parameters, 0.0, 0.0, None, f"its fit failed: {error}", candidate.early
         return done.parameters, done.gain, done.t, done.fit, done.why_not, done.early
 
+    depends = [(stage, _content(candidate)) for candidate in items]
     found = []
-    for candidate, result in zip(items, in_parallel(attempt, items, jobs=bench.jobs), strict=True):
+    for candidate, result in zip(items, kept(bench, "candidate", depends, attempt, items), strict=True):
         parameters, gain, t, fit, why_not, early = result
         new = {"parameters": parameters, "gain": gain, "t": t, "fit": fit, "why_not": why_not, "early": early}
         found.append(replace(candidate, **new))
-        if is_shared and fit is not None:
+        if is_quiet and fit is not None:
             bench.report(stage, candidate.insertion.prefix, float(np.sqrt(fit.chi2 / fit.n_residuals)))
     return found
+
+
+def kept(
+    bench: Workbench, stage: str, depends: Sequence[Any], work: Callable[[Item], Result], items: Sequence[Item]
+) -> Iterator[Result]:
+    """Yield the work on each item, in their order; what workers without this disk have done is kept here by itself.
+
+    Parameters
+    ----------
+    bench
+        The workbench, with the store.
+    stage
+        The name under which results are kept.
+    depends
+        What the result of each item depends on, besides the study.
+    work
+        The work.
+    items
+        The items.
+    """
+    store = bench.store
+    missing = [k for k in range(len(items)) if not store.has(stage, depends[k])]
+
+    def keep(number: int, result: Result) -> None:
+        store.recall(stage, depends[missing[number]], lambda: result)
+
+    arrived = keep if executor(bench.jobs).is_remote else None
+    fresh = in_parallel(work, [items[k] for k in missing], jobs=bench.jobs, arrived=arrived)
+    for k in range(len(items)):
+        yield next(fresh) if k in missing else store.recall(stage, depends[k], lambda k=k: work(items[k]))
+
+
+def _content(candidate: Candidate) -> tuple[Any, ...]:
+    """Return what was found out of a candidate before; to the last bit it depends on all fits that it follows."""
+    c, fit = candidate, candidate.fit
+    values = str(dict(c.insertion.values))
+    point = None if fit is None else fit.point
+    return c.insertion.prefix, values, c.parameters, c.predicted, c.gain, c.t, c.early, c.response, point

@@ -18,6 +18,7 @@ from cartpend_dae.everyday import quantity
 from cartpend_dae.identify import Fit
 from cartpend_dae.language import Component
 from cartpend_dae.notebook import table
+from cartpend_dae.parallel import Workers
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +66,7 @@ def discover(
     max_steps: int = 5,
     regime: Regime | None = None,
     report: Callable[[str, str, float], None] = _silent,
-    jobs: int = 1,
+    jobs: Workers = 1,
     store: Store | None = None,
     placebo: int = 0,
     power: int = 0,
@@ -87,7 +88,7 @@ def discover(
     report
         Called with (stage, candidate, error) after each fit.
     jobs
-        Number of processes in which candidates are fitted; the result does not depend on it.
+        Number of processes in which candidates are fitted, or an executor; the result does not depend on it.
     store
         Where finished stages are kept, and taken up again.
     placebo, power

@@ -12,12 +12,12 @@ import numpy as np
 from scipy import signal
 
 from cartpend_dae.data import Experiment
+from cartpend_dae.discover.attempts import kept
 from cartpend_dae.discover.records import FreeSpec, Search, Setup
 from cartpend_dae.discover.workbench import Workbench, set_values
 from cartpend_dae.effects import Insertion, insert_all
 from cartpend_dae.errors import CartpendError
 from cartpend_dae.identify import Fit
-from cartpend_dae.parallel import in_parallel
 from cartpend_dae.problem import Problem
 from cartpend_dae.shooting import scaled_values, start_states
 from cartpend_dae.transcribe import sample_step, stack_data
@@ -71,26 +71,28 @@ def rates(
     tasks += [(i, k) for i in range(len(taken)) for k in range(power)]
     if not tasks:
         return ()
-    problem = bench.problem(taken)
+    problem, setup, store = bench.problem(taken), bench.setup, bench.store
     made = {k: made_anew(problem, search.final, [seed, k]) for k in sorted({k for _, k in tasks})}
+
+    def left(without: int | None) -> tuple[Insertion, ...]:
+        return tuple(item for i, item in enumerate(taken) if i != without)
 
     def again(task: tuple[int | None, int]) -> list[str] | None:
         without, k = task
-        kept = tuple(item for i, item in enumerate(taken) if i != without)
-        setup = _setup(bench.setup, taken, kept, search.final, made[k])
-        depends = "again", [item.prefix for item in kept], search.final.values, seed, k
+        try:
+            less = _setup(setup, taken, left(without), search.final, made[k])
+            found = [f"{_name(step.candidate.insertion)}" for step in searcher(less).steps]
+        except CartpendError:
+            found = None
+        return store.recall("again", depends[task], lambda: found)
 
-        def found() -> list[str] | None:
-            try:
-                return [f"{_name(step.candidate.insertion)}" for step in searcher(setup).steps]
-            except CartpendError:
-                return None
-
-        return bench.store.recall("again", depends, found)
-
+    depends = {
+        (without, k): ("again", [item.prefix for item in left(without)], search.final.values, seed, k)
+        for without, k in tasks
+    }
     results = []
     bench.begin("placebo and power", len(tasks))
-    for done, result in enumerate(in_parallel(again, tasks, jobs=bench.jobs), start=1):
+    for done, result in enumerate(kept(bench, "again", [depends[task] for task in tasks], again, tasks), start=1):
         results.append(result)
         bench.report("placebo and power", f"{done} of {len(tasks)}", 1.0)
     rows = [("placebo", None)] * bool(placebo) + [("power", i) for i in range(len(taken)) if power]

@@ -8,10 +8,11 @@ import json
 import os
 import shutil
 import sys
+import zipfile
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from hashlib import sha256
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,6 +21,8 @@ import numpy as np
 
 from cartpend_dae.assemble import assemble
 from cartpend_dae.discover.records import Setup
+from cartpend_dae.errors import CutOffError
+from cartpend_dae.parcel import fingerprint
 
 Value = TypeVar("Value")
 STAGES = "stages"
@@ -47,10 +50,24 @@ class Store:
         """
         if self.folder is None:
             return make()
-        path = self.folder / f"{stage}-{digest((self.study, depends))}.npz"
-        if not path.is_file():
+        path = self._path(stage, depends)
+        kept = _kept(path)
+        if kept is None:
             _write(path, make())
-        return _read(path)
+            kept = _read(path)
+        return kept[0]
+
+    def _path(self, stage: str, depends: Any) -> Path:  # noqa: ANN401
+        assert self.folder is not None
+        return self.folder / f"{stage}-{digest((self.study, depends))}.npz"
+
+    def has(self, stage: str, depends: Any) -> bool:  # noqa: ANN401 - as above
+        """Return whether a stage was finished before."""
+        return self.folder is not None and _kept(self._path(stage, depends)) is not None
+
+    def __reduce__(self) -> "tuple[type[Store], tuple[()]]":
+        """Leave the folder here: a process elsewhere has another disk, and keeps nothing."""
+        return Store, ()
 
     def clear(self) -> None:
         """Forget all stages."""
@@ -61,7 +78,12 @@ class Store:
 def store_for(setup: Setup, folder: Path, further: Any = ()) -> Store:  # noqa: ANN401 - as of `digest`
     """Return the store of a study in a folder; `further` is what else its results depend on."""
     folder.mkdir(parents=True, exist_ok=True)
-    return Store(folder, digest((_package(), _content(setup), further)))
+    return Store(folder, study_digest(setup, further))
+
+
+def study_digest(setup: Setup, further: Any = ()) -> str:  # noqa: ANN401 - as of `digest`
+    """Return a hash of all that the result of a study depends on, the package included."""
+    return digest((fingerprint(), _content(setup), further))
 
 
 def digest(value: Any) -> str:  # noqa: ANN401 - what `packed` takes
@@ -133,24 +155,32 @@ def _write(path: Path, value: Any) -> None:  # noqa: ANN401 - any of the known
     try:
         with partial.open("wb") as file:
             np.savez(file, **{"json": np.frombuffer(text, dtype=np.uint8), **held})  # type: ignore[arg-type]
+            file.flush()
+            os.fsync(file.fileno())
         os.replace(partial, path)  # a stage is there whole, or not at all
+    except OSError as error:
+        raise CutOffError(
+            f"{path.parent}: a finished stage cannot be kept: {error.strerror or error}; those before it are. "
+            "Make room or mend the folder, and go on by `--resume`."
+        ) from error
     finally:
         partial.unlink(missing_ok=True)
 
 
-def _read(path: Path) -> Any:  # noqa: ANN401 - any of the known
+def _read(path: Path) -> tuple[Any]:
     with np.load(path, allow_pickle=False) as file:
         arrays = {name: file[name] for name in file.files}
-    return unpacked(json.loads(arrays.pop("json").tobytes()), arrays)
+    return (unpacked(json.loads(arrays.pop("json").tobytes()), arrays),)
 
 
-def _package() -> tuple[str, ...]:
-    """Return what tells one version of the package, and of what it computes with, from another."""
-    root = Path(__file__).resolve().parents[1]
-    found = sha256()
-    for file in sorted(root.rglob("*.py")):
-        found.update(str(file.relative_to(root)).encode() + file.read_bytes())
-    return found.hexdigest(), *(version(name) for name in ("casadi", "numpy", "scipy"))
+def _kept(path: Path) -> tuple[Any] | None:
+    """Return what a file holds; None if there is none, or it was damaged: then the stage is done anew."""
+    if not path.is_file():
+        return None
+    try:
+        return _read(path)
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
+        return None
 
 
 def _content(setup: Setup) -> tuple[Any, ...]:
@@ -163,5 +193,5 @@ def _content(setup: Setup) -> tuple[Any, ...]:
     names = (system.states, system.inputs, tuple(q.name for q in system.parameters))
     values = tuple(q.value for q in system.parameters)
     runs = (setup.train, setup.select, setup.test)
-    options = (setup.scores, setup.step, setup.ties, setup.huber, setup.max_iterations)
+    options = (setup.scores, setup.step, setup.ties, setup.huber, setup.max_iterations, setup.method, setup.hessian)
     return equations, names, values, setup.free, runs, options

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from cartpend_dae.errors import SolverError
 from cartpend_dae.gauss_newton import ITERATIONS
 from cartpend_dae.identify import Fit, estimate
 from cartpend_dae.language import Component, bindings_of
+from cartpend_dae.parallel import Workers
 from cartpend_dae.problem import Problem, dominant_frequency, free_parameter, make_problem
 from cartpend_dae.shooting import Linearisation, linearised
 from cartpend_dae.system import System
@@ -37,20 +39,24 @@ class Workbench:
 
     `problems` are those made so far, by the effects in them, and `sizes` what parameters of effects were predicted to
     be when they were first tried, by which they are scaled; `scales` are those of each problem. Candidates are fitted
-    in `jobs` processes. Finished stages are kept in a `store`.
+    in `jobs` processes, or by that executor. Finished stages are kept in a `store`.
     """
 
     setup: Setup
     report: Report = _silent
     problems: dict[tuple[float | None, tuple[str, ...]], Problem] = field(default_factory=dict)
     sizes: dict[str, float] = field(default_factory=dict)
-    jobs: int = 1
+    jobs: Workers = 1
     store: Store = field(default_factory=Store)
     scales: dict[tuple[float | None, tuple[str, ...]], dict[str, float]] = field(default_factory=dict)
 
     def quiet(self) -> "Workbench":
         """Return the same workbench without reports, as for another process."""
         return replace(self, report=_silent)
+
+    def __reduce__(self) -> tuple[type["Workbench"], tuple[Any, ...]]:
+        """Leave reports, problems, executor and store here: elsewhere problems are made anew, on the same scales."""
+        return Workbench, (self.setup, _silent, {}, self.sizes, 1, Store(), self.scales)
 
     def begin(self, stage: str, number: int) -> None:
         """Say that so many candidates follow in a stage, to a `report` that has a method `begin`."""

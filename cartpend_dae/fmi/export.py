@@ -28,7 +28,7 @@ from cartpend_dae.system import System
 
 # each instance keeps two dense matrices of this size: 16 MB
 MOST_STATES = 1000
-LAYERS = {
+LAYERS: dict[str, tuple[str, ...]] = {
     "2.0": ("fmi2.c", "fmi2_model_exchange.c", "fmi2_co_simulation.c"),
     "3.0": ("fmi3.c", "fmi3_values.c", "fmi3_model_exchange.c", "fmi3_co_simulation.c"),
 }

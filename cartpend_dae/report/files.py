@@ -20,7 +20,7 @@ from cartpend_dae.data import Trajectory
 from cartpend_dae.discover import Discovery
 from cartpend_dae.discover.records import Search
 from cartpend_dae.discover.store import STAGES
-from cartpend_dae.errors import StudyError
+from cartpend_dae.errors import CutOffError, StudyError
 from cartpend_dae.experiment_design import Ranking
 from cartpend_dae.identify import Fit
 from cartpend_dae.report.ahead import ahead_of_discovery, ahead_of_fit
@@ -33,6 +33,7 @@ from cartpend_dae.session import Opened
 from cartpend_dae.system import System
 
 TAKEN = ("parameters", "candidates", "residuals", "result", "model_plus", "report", "unknown_inputs", STAGES)
+RESULT = "result.json"
 
 
 def check_folder(folder: Path) -> None:
@@ -61,7 +62,9 @@ def complete(folder: Path) -> Iterator[Path]:
     Raises
     ------
     StudyError
-        If `folder` cannot be written to.
+        If `folder` must not be written to.
+    CutOffError
+        If writing fails, as on a full disk.
     """
     check_folder(folder)
     folder = folder.absolute()
@@ -72,14 +75,16 @@ def complete(folder: Path) -> Iterator[Path]:
             partial.mkdir(parents=True)
             yield partial
             if folder.is_dir():
-                for path in sorted(partial.iterdir()):
+                # the result itself comes last: where it stands all others do
+                for path in sorted(partial.iterdir(), key=lambda path: (path.name == RESULT, path.name)):
                     os.replace(path, folder / path.name)
             else:
                 os.replace(partial, folder)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
     except OSError as error:
-        raise StudyError(f"{folder}: the results cannot be written: {error.strerror or error}.") from error
+        why = error.strerror or error
+        raise CutOffError(f"{folder}: the results cannot be written: {why}; make room, or mend the folder.") from error
 
 
 @dataclass(slots=True)
@@ -95,9 +100,9 @@ def kept_stages(out: Path, *, resume: bool) -> Iterator[Kept]:
     """Yield where a discovery keeps its stages, inside the folder of its results.
 
     Without `resume`, what an earlier one left there is forgotten. What is kept goes with the end of the discovery, and
-    with its failure, which would come again; an interruption leaves it.
+    with its failure, which would come again; an interruption leaves it, be it by a user, a signal or a full disk.
     """
-    kept, is_new = Kept(out / STAGES), not out.is_dir()
+    kept = Kept(out / STAGES)
     if not resume:
         shutil.rmtree(kept.folder, ignore_errors=True)
     is_interrupted = False
@@ -105,13 +110,11 @@ def kept_stages(out: Path, *, resume: bool) -> Iterator[Kept]:
         yield kept
         is_interrupted = not kept.is_done
     except BaseException as end:
-        is_interrupted = not isinstance(end, Exception)
+        is_interrupted = isinstance(end, CutOffError) or not isinstance(end, Exception)
         raise
     finally:
         if not is_interrupted:
             shutil.rmtree(kept.folder, ignore_errors=True)
-            if is_new and out.is_dir() and not any(out.iterdir()):
-                out.rmdir()
 
 
 def write_discovery(folder: Path, opened: Opened, discovery: Discovery, seconds: float) -> dict[str, Any]:
@@ -123,7 +126,7 @@ def write_discovery(folder: Path, opened: Opened, discovery: Discovery, seconds:
         after = discovery.after if search.steps else None
         result["files"] = {"runs": _runs(partial, discovery.before, after)}
         result["horizons"] = plain(ahead_of_discovery(discovery))
-        _json(partial / "result.json", result)
+        _json(partial / RESULT, result)
         _parameters(partial / "parameters.csv", opened, {"before": search.baseline, "after": search.final})
         _candidates(partial / "candidates.csv", search)
         if discovery.beyond.open_set is not None:
@@ -145,7 +148,7 @@ def write_identification(
     with complete(folder) as partial:
         result["files"] = {"runs": _runs(partial, found.errors, None, found.bands)}
         result["horizons"] = plain(ahead_of_fit(opened.setup, found.fit)) if looks_ahead else []
-        _json(partial / "result.json", result)
+        _json(partial / RESULT, result)
         _parameters(partial / "parameters.csv", opened, {"fit": found.fit})
     write_page(folder)
     return result

@@ -10,7 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from cartpend_dae.errors import StudyError
+from cartpend_dae.errors import CutOffError, StudyError
 from cartpend_dae.report import facts, findings, numbers
 from cartpend_dae.report.charts import horizon_chart, paper_charts, run_data
 from cartpend_dae.report.diagram import read_diagram
@@ -29,7 +29,9 @@ def write_page(folder: Path) -> Path:
     Raises
     ------
     StudyError
-        If there is no complete result, or the page cannot be written.
+        If there is no complete result.
+    CutOffError
+        If the page cannot be written.
     """
     page = page_of(read_stored(folder))
     path = folder / "report.html"
@@ -41,7 +43,8 @@ def write_page(folder: Path) -> Path:
         finally:
             partial.unlink(missing_ok=True)
     except OSError as error:
-        raise StudyError(f"{path}: the report cannot be written: {error.strerror or error}.") from None
+        why = error.strerror or error
+        raise CutOffError(f"{path}: the report cannot be written: {why}; then `cartpend report {folder}`.") from None
     return path
 
 

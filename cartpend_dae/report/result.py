@@ -16,6 +16,7 @@ from cartpend_dae.discover.records import Candidate, Search, Step
 from cartpend_dae.experiment_design import Ranking
 from cartpend_dae.identify import Estimate, Fit
 from cartpend_dae.likelihood import Profile, profile
+from cartpend_dae.parallel import Workers
 from cartpend_dae.problem import Problem
 from cartpend_dae.report.beyond import beyond_result
 from cartpend_dae.report.diagram import diagram_json
@@ -44,7 +45,7 @@ class Identification:
 
 
 def further(
-    problem: Problem, fit: Fit, profiles: tuple[str, ...], number: int, kind: Kind, seed: int, jobs: int
+    problem: Problem, fit: Fit, profiles: tuple[str, ...], number: int, kind: Kind, seed: int, jobs: Workers
 ) -> tuple[tuple[Profile, ...], Bootstrap | None]:
     """Return the profiles of parameters, and what a bootstrap of so many fits finds, None for 0."""
     followed = tuple(profile(problem, fit, name, jobs=jobs) for name in profiles)

@@ -1,0 +1,1 @@
+"""What is read from files, under bytes of any kind."""
