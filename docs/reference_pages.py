@@ -49,8 +49,7 @@ def library_page(module: str, entries: list[Entry]) -> str:
 
 
 def _component(entry: Entry) -> str:
-    law = f"```{{code-block}} text\n{entry.law}\n```"
-    lines = [f"## {entry.name.split('.')[1]}\n", law, ""]
+    lines = [f"## {entry.name.split('.')[1]}\n", *map(_paragraph, entry.law.split("\n\n"))]
     if entry.ports:
         lines += ["Ports: " + ", ".join(f"`{name}` ({kind})" for name, kind in entry.ports.items()) + ".", ""]
     rows = [(name, s["unit"], s["direction"], s["doc"]) for name, s in entry.signals.items()]
@@ -62,6 +61,13 @@ def _component(entry: Entry) -> str:
         lines += ["| name | unit | default or direction | what it is |", "|---|---|---|---|"]
         lines += [f"| `{name}` | {unit} | {middle} | {doc} |" for name, unit, middle, doc in rows]
     return "\n".join(lines) + "\n"
+
+
+def _paragraph(text: str) -> str:
+    """Return a paragraph of a docstring as Markdown: a drawing as it is, else text whose stars are stars."""
+    if text.startswith("    "):
+        return f"```text\n{text}\n```\n"
+    return text.replace("*", r"\*") + "\n"
 
 
 def commands_page() -> str:

@@ -10,7 +10,7 @@ import pytest
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
-WANTED = ("sphinx", "numpydoc", "myst_nb", "furo")
+WANTED = ("sphinx", "numpydoc", "myst_nb", "furo", "latex2mathml")
 # What a kernel needs that is started from here: this checkout, and figures as in Jupyter.
 KERNEL = {"PYTHONPATH": str(DOCS.parent), "MPLBACKEND": "module://matplotlib_inline.backend_inline"}
 
