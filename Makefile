@@ -1,4 +1,5 @@
 # For a newcomer: `make demo` and `make test`. Both make the virtual environment first if it is missing.
+# `make docs` builds the documentation, `make notebooks` runs its notebooks again.
 # `make benchmarks` takes about ten minutes and has an environment of its own, which holds the peers as well.
 PYTHON ?= python3
 BIN := .venv/bin
@@ -7,7 +8,7 @@ BENCH_BIN := .venv-bench/bin
 BENCH_STAMP := .venv-bench/.installed
 PYTEST_ARGS ?=
 
-.PHONY: demo test lint benchmarks clean
+.PHONY: demo test lint docs notebooks benchmarks clean
 .DELETE_ON_ERROR:
 
 demo: $(STAMP)
@@ -21,12 +22,19 @@ lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
+docs: $(STAMP)
+	@$(BIN)/sphinx-build -W --keep-going -q -b html docs build/docs
+	@echo 'Open build/docs/index.html.'
+
+notebooks: $(STAMP)
+	@$(BIN)/python docs/run_notebooks.py
+
 benchmarks: $(BENCH_STAMP)
 	$(BENCH_BIN)/python tests/benchmarks/scale.py --write docs/benchmarks.md
 	$(BENCH_BIN)/python tests/benchmarks/simulate.py --write docs/benchmarks.md
 
 clean:
-	rm -rf .venv .venv-bench build dist docs/_build .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-bench build dist docs/_build docs/reference/generated .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(STAMP): pyproject.toml

@@ -25,7 +25,7 @@ KINDS = ("me", "cs")
 def check_fmu(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="An FMU, 2.0 or 3.0.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    stop: Annotated[float | None, typer.Option(help="End of the runs [s]; else that of the FMU.")] = None,
+    stop: Annotated[float | None, typer.Option(help="End of the runs in seconds; else that of the FMU.")] = None,
     limit: Annotated[float, typer.Option(min=1.0, help="Seconds that each kind may take.")] = 30.0,
 ) -> None:
     """Validate an FMU with every checker at hand, run it in a process of its own, and say what was found."""
@@ -44,7 +44,7 @@ def crosscheck(
     model: Annotated[str | None, typer.Argument(help="The model (FILE.py or FILE.py:Class).")] = None,
     map_: Annotated[list[str] | None, typer.Option("--map", metavar="FMU=MODEL", help="A name in both.")] = None,
     tube: Annotated[float, typer.Option(min=1e-12, help="Half height of the tube, as part of each range.")] = 0.002,
-    stop: Annotated[float | None, typer.Option(help="End of the run [s]; else that of the FMU.")] = None,
+    stop: Annotated[float | None, typer.Option(help="End of the run in seconds; else that of the FMU.")] = None,
     start: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="A start value of both [SI].")] = None,
     set_: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A parameter of both.")] = None,
     input_: Annotated[list[str] | None, typer.Option("--input", metavar="NAME=VALUE", help="An input of both.")] = None,

@@ -94,7 +94,7 @@ def check(
 @spoken
 def simulate(
     target: Target,
-    stop: Annotated[float, typer.Option(help="End of the simulation [s].")] = 10.0,
+    stop: Annotated[float, typer.Option(help="End of the simulation in seconds.")] = 10.0,
     points: Annotated[int, typer.Option(min=2, help="Number of output times; with rk4 every step is one.")] = 501,
     set_: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A parameter [SI].")] = None,
     start: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="A start value [SI].")] = None,
@@ -104,7 +104,7 @@ def simulate(
     steady: Annotated[bool, typer.Option("--steady", help="Start at rest: all derivatives are zero.")] = False,
     input_: Annotated[list[str] | None, typer.Option("--input", metavar="NAME=VALUE", help="An input [SI].")] = None,
     method: Annotated[Method, typer.Option(help="The integrator.")] = Method.adaptive,
-    step: Annotated[float | None, typer.Option(help="Step of rk4 [s].")] = None,
+    step: Annotated[float | None, typer.Option(help="Step of rk4 in seconds.")] = None,
     compile_: Annotated[bool, typer.Option("--compile", help="Run the integrator as machine code.")] = False,
     film: Annotated[Path | None, typer.Option("--animate", help="Write a moving picture, .gif or .mp4.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder or file.csv; default: TARGET-simulation.")] = None,
@@ -157,7 +157,9 @@ def linearize(
     ] = None,
     set_: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A parameter [SI].")] = None,
     friction: Annotated[Friction, typer.Option(help="What dry friction does.")] = Friction.sliding,
-    period: Annotated[float | None, typer.Option(help="Sampling period [s] of the exactly discretised model.")] = None,
+    period: Annotated[
+        float | None, typer.Option(help="Sampling period in seconds of the exactly discretised model.")
+    ] = None,
 ) -> None:
     """Linearise a model about a point: matrices with names, poles, natural frequencies and damping ratios."""
     system, opened = _opened(target)
@@ -185,7 +187,7 @@ def export_fmu(
         list[str] | None, typer.Option("--output", metavar="NAME", help="An output; else all free output signals.")
     ] = None,
     set_: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A parameter [SI].")] = None,
-    stop: Annotated[float, typer.Option(help="End of the default experiment [s].")] = 10.0,
+    stop: Annotated[float, typer.Option(help="End of the default experiment in seconds.")] = 10.0,
 ) -> None:
     """Write a model as an FMU, which runs in other tools without Python; docs/fmu.md says how."""
     system, _ = _opened(target)
