@@ -184,6 +184,7 @@ def _predict(insertion: Insertion, found: Sweep, basis: np.ndarray, left: np.nda
     across[:, blind] = 0.0
     axes, small = np.linalg.qr(across * scale)
     size = lsq_linear(small, -(axes.T @ left), (low, high), tol=1e-12).x
+    size[blind] = 0.0
     size[np.abs(size) < 1e-6 * np.abs(size).max(initial=0.0)] = 0.0  # the solver stays a little inside the bounds
     change = across @ (size * scale)
     predicted = float(left @ left - np.sum((left + change) ** 2))
