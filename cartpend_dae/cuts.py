@@ -8,6 +8,7 @@ import numpy as np
 from cartpend_dae.data import Channel, Experiment, Start
 from cartpend_dae.errors import ModelError
 from cartpend_dae.system import System
+from cartpend_dae.transcribe import shown_state
 
 # a run `a` that is cut into pieces has the pieces `a#1`, `a#2`, ...
 MARK = "#"
@@ -48,13 +49,15 @@ def cut(experiment: Experiment, system: System) -> tuple[Experiment, ...]:
             f"Run `{experiment.name}` is cut into pieces of {experiment.piece:g} s, of which one has "
             f"{min(part.size for part in parts)} samples; at least {MIN_SAMPLES} are needed, so choose longer pieces."
         )
-    start = {name: Start(None, True) for name in system.states}
-    first = dict(experiment.start)
+    states = {name: Start(None, True) for name in system.states}
+    # a model with an effect in it may have other states, but the names of the run stay
+    named = {name: Start(None, True) for name in experiment.start if shown_state(system, name) is not None}
+    first, later = _merged(experiment.start, states, system), _merged(named, states, system)
     return tuple(
         replace(
             shorter(experiment, part),
             name=f"{experiment.name}{MARK}{k + 1}",
-            start=_merged(first, start, system) if k == 0 else start,
+            start=later if k else first,
             piece=None,
             steady=experiment.steady and k == 0,
         )
@@ -84,7 +87,7 @@ def _without_short_ends(parts: list[np.ndarray]) -> list[np.ndarray]:
 
 
 def _merged(given: Mapping[str, Start], free: Mapping[str, Start], system: System) -> dict[str, Start]:
-    """Return the start of the first piece: what the run says, and the other states free."""
-    named = {system.state_relations[name].state for name in given if name in system.state_relations}
+    """Return the start of a piece: what is given, and the other states free."""
+    named = {shown[0] for name in given if (shown := shown_state(system, name)) is not None}
     others = {name: start for k, (name, start) in enumerate(free.items()) if k not in named}
     return {**given, **others}

@@ -69,9 +69,9 @@ LAYERS = """
     integrate
     simulate start_slopes coincidence
     sensitivity
-    unknowns cuts
+    unknowns
     transcribe
-    starts
+    starts cuts
     programme
     problem
     shooting

@@ -153,14 +153,25 @@ def test_rates_have_their_intervals():
 def test_what_is_left_and_what_would_tell_answers_apart_are_shown():
     place = {"at": "bearing", "evidence": 12.0, "placebo": 3.0, "rms": 0.02, "unit": "N.m", "is_seen": True}
     unseen = place | {"at": "rod", "evidence": 0.0, "is_seen": False}
-    left = {"open_set": {"message": "A force of `bearing` is left.", "at": "bearing", "places": [place, unseen]}}
-    result = stored_result() | left | {"splits": [{"message": "A step of `u` tells them apart."}]}
+    left = {"message": "A force of `bearing` is left.", "at": "bearing", "places": [place, unseen]}
+    left["portraits"] = [{"at": "rod", "shares": {"x": 0.9}}, {"at": "bearing", "shares": {"x": 0.1, "sign v": 0.7}}]
+    left["closures"] = [{"kind": "spline", "at": "bearing", "gain": 812.3, "largest_z_left": 1.7}]
+    run, head = next(iter(stored_result()["final"]["experiments"].items()))
+    name = next(iter(head["outputs"]))
+    left["experiments"] = {run: {"role": head["role"], "outputs": {name: {"rmse": 0.00012345, "unit": "rad"}}}}
+    result = stored_result() | {"open_set": left} | {"splits": [{"message": "A step of `u` tells them apart."}]}
     first, second = findings.unknown_bars(result)
     assert (first.length, first.is_accepted, first.note) == (100.0, True, "placebo 3, rms 0.02 N.m")
     assert second.text == "not seen"
+    assert [(bar.label, bar.text) for bar in findings.share_bars(result)] == [("sign v", "70 %"), ("x", "10 %")]
+    (closure,) = findings.closure_rows(result)
+    assert (closure.kind, closure.at, closure.gain) == ("splines", "bearing", "812.3")
+    (ceiling,) = findings.ceiling_rows(result)
+    assert ceiling[:3] == (run, head["role"], name) and ceiling[-1].startswith("0.00707")  # degrees
     page = page_of(Stored(result, ()))
     assert "A step of <code>u</code> tells them apart." in page
     assert "A force of <code>bearing</code> is left." in page
+    assert "splines" in page and "with the best closure" in page
 
 
 def test_numbers_are_short_and_have_no_computer_exponent():

@@ -9,8 +9,9 @@ from cartpend_dae.discover.records import FreeSpec, Setup
 from cartpend_dae.discover.screen import candidates
 from cartpend_dae.discover.sweep import one_by_one, sweep
 from cartpend_dae.discover.workbench import Workbench
-from cartpend_dae.effects import catalogue, places
+from cartpend_dae.effects import catalogue, insertion_at, places
 from cartpend_dae.errors import SolverError
+from models.driven_cart import DrivenCart
 from models.linear_damp_mod import LinearDampMod
 from models.rota_damp import RotaDamp
 
@@ -66,3 +67,22 @@ def test_effects_whose_own_states_are_too_fast_are_left_out_of_the_sweep():
     missing = names - set(found.sizes)
     assert any(".compliance." in name for name in missing)
     assert not any(".coulomb_friction." in name for name in missing)
+
+
+def test_a_state_of_the_model_that_is_named_after_an_effect_stays_the_model_s():
+    """The speed behind a chain with friction has the name of the chain's: it is no state inside the effect."""
+    model = DrivenCart()
+    times = 0.01 * np.arange(201)
+    u = 5.0 * np.sign(np.sin(7.0 * times))
+    run = simulate(model, 2.0, points=201, inputs={"amplifier.u": (times, u, "zoh")})
+    channels = {"encoder.s": Channel(run["encoder.s"], "zoh", 1e-4, "m", 0.0)}
+    inputs = {"amplifier.u": Channel(u, "zoh", None, "V", 0.0)}
+    experiment = Experiment("run", "train", run.time, inputs, channels, {}, "free", None)
+    bench = Workbench(Setup(model, (FreeSpec("rail.d"),), (experiment,), (), ()), lambda *_: None)
+    sd = bench.problem(()).prior_sd
+    for place in ("inertial.flange_a", "inertial.flange_b"):
+        inertia = insertion_at(model, "added_inertia", "rail")
+        chain = insertion_at(model, "chain_tension_friction", place)
+        alone = sweep(bench, (), (inertia,), {}, 0.0, sd).sizes["rail.added_inertia.m"]
+        beside = sweep(bench, (), (inertia, chain), {}, 0.0, sd).sizes["rail.added_inertia.m"]
+        np.testing.assert_allclose(beside, alone, atol=1e-3 * np.abs(alone).max())

@@ -14,8 +14,9 @@ from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place, fits
 from cartpend_dae.errors import ModelError, SolverError
 
-# effects that change the residual by less than this share of their own size are invisible to these sensors
-BLIND = 1e-10
+# squared sine of the angle between what an effect changes and what is free already, below which no sensor sees it:
+# one linearisation for all effects turns directions by up to 1e-3
+BLIND = 1e-6
 
 
 def candidates(cards: tuple[Card, ...], places: tuple[Place, ...], taken: tuple[Insertion, ...]) -> list[Insertion]:
@@ -172,15 +173,18 @@ def _predict(insertion: Insertion, found: Sweep, basis: np.ndarray, left: np.nda
     whole, seen = np.linalg.norm(columns, axis=0), np.linalg.norm(across, axis=0)
     if not np.all(np.isfinite(whole)):
         return Candidate(insertion, insertion.starts, 0.0, 0.0, 0.0, None, "its law has no slope where it is absent")
-    if not np.any(seen**2 > BLIND * np.clip(whole, 1e-150, None) ** 2):
+    blind = seen**2 <= BLIND * np.clip(whole, 1e-150, None) ** 2
+    if np.all(blind):
         why = "no sensor sees it apart from what is free already"
         return Candidate(insertion, insertion.starts, 0.0, 0.0, 0.0, None, why)
     scale = 1 / np.maximum(seen, 1e-150)
     kind = insertion.place.kind
     bounds = [item.bounds_at(kind) for item in insertion.parameters if item.role == "size"]
     low, high = (np.array(side) / scale for side in zip(*bounds, strict=True))
+    across[:, blind] = 0.0
     axes, small = np.linalg.qr(across * scale)
     size = lsq_linear(small, -(axes.T @ left), (low, high), tol=1e-12).x
+    size[blind] = 0.0
     size[np.abs(size) < 1e-6 * np.abs(size).max(initial=0.0)] = 0.0  # the solver stays a little inside the bounds
     change = across @ (size * scale)
     predicted = float(left @ left - np.sum((left + change) ** 2))

@@ -22,7 +22,7 @@ from cartpend_dae.errors import SolverError
 from cartpend_dae.problem import Problem
 from cartpend_dae.shooting import carried_on, run_through, scaled_values, sensitivities, start_slopes
 from cartpend_dae.system import Frictions, System
-from cartpend_dae.transcribe import sample_step, stack_data
+from cartpend_dae.transcribe import sample_step, shown_state, stack_data
 
 # share of itself by which df/ds may change between two samples for the mean of both ends to be good
 ROUGH = 0.5
@@ -83,17 +83,18 @@ def sweep(
     w = np.full(len(problem.outputs), float(bandwidth))
     data = stack_data(problem.layout, problem.experiments, 1.0 / sd)
     residual, states = run_through(problem, values, w, data)
-    inside = _inside(system, options)
+    inside = _inside(system, options, bench.problem(taken).system.states)
     own = [i for i in range(states.shape[0]) if i not in inside]
     if not (np.all(np.isfinite(states[own])) and np.all(np.isfinite(residual))):
         raise SolverError("The model with all effects of the catalogue in it diverges.")
     local = _local(problem, system, inside, values, w, data, states)
     names = tuple(name for insertion in options for name in insertion.size_names)
     growth = _growth(problem, system, inside, names, values, data, states)
-    # no rig sticks as its model does: what random forces move goes on as if it slid
+    # no rig sticks as its model does: what random forces move goes on as if it slid, at a level that stays as it is,
+    # as one that falls with the speed would let what rests run away
     free = local
     if system.frictions.places:
-        loose = _sliding(system, list(range(len(system.frictions.places))))
+        loose = _sliding(system, list(range(len(system.frictions.places))), is_felt=False)
         free = _local(problem, loose, inside, values, w, data, states)
     found = _gathered(problem, values, (local, free), growth, residual, inside, names, data)
     smooth = [name for name, is_rough in zip(names, _roughness(growth) > ROUGH, strict=True) if not is_rough]
@@ -110,15 +111,18 @@ def _roughness(growth: "_Growth") -> np.ndarray:
     return np.where(np.isfinite(ratio) & (size < LOST), ratio, np.inf)
 
 
-def _sliding(system: System, mine: list[int]) -> System:
-    """Return a system in which some dry frictions slide: at level 0 it does not matter how one sticks."""
+def _sliding(system: System, mine: list[int], *, is_felt: bool = True) -> System:
+    """Return a system in which some dry frictions slide: at level 0 it does not matter how one sticks.
+
+    Without being felt they push by nothing, which leaves all slopes but those of their levels as they are.
+    """
     f = system.frictions
     others = [i for i in range(len(f.places)) if i not in mine]
     if not mine:
         return system
     slide, force = _sliding_force(f)[mine, 0], f.force[mine, 0]
     # the level of one may depend on the force of another, which is nothing at first order
-    slide = ca.substitute(slide, force, ca.SX.zeros(len(mine)))
+    slide = ca.substitute(slide, force, ca.SX.zeros(len(mine))) if is_felt else ca.SX.zeros(len(mine))
     parts = [system.ode, system.alg, system.outputs, system.initials.residual, system.invariants]
     ode, alg, outputs, initials, invariants = ca.substitute(parts, [force], [slide])
     laws = [law[others, 0] for law in f.laws]
@@ -187,9 +191,11 @@ def _is_at(name: str, options: tuple[Insertion, ...]) -> bool:
     )
 
 
-def _inside(system: System, options: tuple[Insertion, ...]) -> list[int]:
-    """Return the states that belong to the options."""
-    return [i for i, name in enumerate(system.states) if _is_at(name.removeprefix("der("), options)]
+def _inside(system: System, options: tuple[Insertion, ...], own: tuple[str, ...]) -> list[int]:
+    """Return the states that belong to the options; those that move as the model's `own` may be named after one."""
+    shown = {found[0] for name in own if (found := shown_state(system, name)) is not None}
+    named = (i for i, name in enumerate(system.states) if _is_at(name.removeprefix("der("), options))
+    return [i for i in named if i not in shown]
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,12 +5,14 @@ from typing import Any
 
 from scipy.special import betaincinv
 
-from cartpend_dae.everyday import uncertain, with_unit
+from cartpend_dae.everyday import quantity, uncertain, with_unit
 from cartpend_dae.report.facts import ROLES
 from cartpend_dae.report.numbers import capital, listed, number, percent
 from cartpend_dae.report.text import effect_name
 
 Json = dict[str, Any]
+CLOSURES = {"spline": "splines", "process": "Gaussian process", "network": "network of six neurons"}
+"""What the kinds of closures are called."""
 
 
 def effect(step: Json) -> str:
@@ -153,6 +155,43 @@ def unknown_bars(result: Json) -> list[Bar]:
         )
         for place in places
     ]
+
+
+def share_bars(result: Json) -> list[Bar]:
+    """Return what the unknown input at the place where most is left follows: shares of its variance."""
+    left = result.get("open_set") or {}
+    portrait = next((p for p in left.get("portraits", ()) if p["at"] == left.get("at")), None)
+    shares = sorted((portrait or {"shares": {}})["shares"].items(), key=lambda item: -(item[1] or 0.0))
+    return [Bar(what, percent(share), max(0.0, min(100.0, 100 * share))) for what, share in shares if share is not None]
+
+
+@dataclass(frozen=True, slots=True)
+class ClosureRow:
+    """A law without a name that was trained where something is left."""
+
+    kind: str
+    at: str
+    gain: str
+    z: str
+
+
+def closure_rows(result: Json) -> list[ClosureRow]:
+    """Return the closures, the best first."""
+    return [
+        ClosureRow(CLOSURES.get(c["kind"], c["kind"]), c["at"], number(c["gain"], 4), number(c["largest_z_left"], 2))
+        for c in (result.get("open_set") or {}).get("closures", ())
+    ]
+
+
+def ceiling_rows(result: Json) -> list[tuple[str, str, str, str, str]]:
+    """Return run, role, output, the error of the final model and that with the best closure in it."""
+    rows = []
+    for run, head in ((result.get("open_set") or {}).get("experiments") or {}).items():
+        for name, with_it in head["outputs"].items():
+            error = result["final"]["experiments"][run]["outputs"][name]
+            both = (quantity(value["rmse"], error["unit"]) for value in (error, with_it))
+            rows.append((run, head["role"], name, *both))
+    return rows
 
 
 def rate_bars(result: Json) -> list[Bar]:
