@@ -59,7 +59,7 @@ def _descend(
     best, best_cost = rungs[0], np.inf
     for bandwidth in rungs:
         try:
-            fit = bench.fit(insertions, point, (bandwidth,), sd)
+            fit = bench.fit(insertions, point, (bandwidth,), sd, patient=False)
         except SolverError:
             continue
         if fit.chi2 > SLACK * best_cost:

@@ -123,7 +123,7 @@ def _disturbed(bench: Workbench, noise: Rules, base: Base, log: _Log, library: _
     """
     early = base.fits[noise.screening].point
     ranked = [c for c in log.tried.values() if not c.why_not or c.fit is not None]
-    if not ranked:
+    if not log.tried:
         screened = screen(bench, (), early, candidates(*library, ()), noise.screening, noise.sd)
         ranked = [c for c in screened if not c.why_not]
     rich = _distinct([step.candidate for step in log.steps] + ranked)[:RICH]

@@ -28,6 +28,10 @@ from blind.scorer import score
 from blind.writer import write
 
 
+# seconds after which a data set that is too late is interrupted again: IPOPT swallows an interruption
+AGAIN = 2.0
+
+
 def seeds_of(text: str, is_report: bool) -> list[int]:
     """Read `3`, `0-4` or `0-4,7`; the ranges for tuning and for the report are kept apart.
 
@@ -68,7 +72,7 @@ def discover(study: Path, timeout: float) -> tuple[dict[str, Any] | None, str]:
     from cartpend_dae.session import discover_study, open_study
 
     before, begin = signal.signal(signal.SIGALRM, _interrupt), time.monotonic()
-    signal.setitimer(signal.ITIMER_REAL, timeout)
+    signal.setitimer(signal.ITIMER_REAL, timeout, AGAIN)
     try:
         opened = open_study(study)
         found = discovery_result(opened, discover_study(opened), time.monotonic() - begin)
