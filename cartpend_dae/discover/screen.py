@@ -175,19 +175,23 @@ def _predict(insertion: Insertion, found: Sweep, basis: np.ndarray, left: np.nda
     if not np.any(seen**2 > BLIND * np.clip(whole, 1e-150, None) ** 2):
         why = "no sensor sees it apart from what is free already"
         return Candidate(insertion, insertion.starts, 0.0, 0.0, 0.0, None, why)
-    scale = 1 / np.maximum(seen, 1e-150)
+    scale = 1 / np.maximum(whole, 1e-150)
     kind = insertion.place.kind
     bounds = [item.bounds_at(kind) for item in insertion.parameters if item.role == "size"]
     low, high = (np.array(side) / scale for side in zip(*bounds, strict=True))
-    axes, small = np.linalg.qr(across * scale)
-    size = lsq_linear(small, -(axes.T @ left), (low, high), tol=1e-12).x
-    size[np.abs(size) < 1e-6 * np.abs(size).max(initial=0.0)] = 0.0  # the solver stays a little inside the bounds
+    # two sizes may do together what is free already, as damping each way does: that direction is left alone
+    values, vectors = np.linalg.eigh((across * scale).T @ (across * scale))
+    good = values > BLIND
+    root = np.sqrt(values[good])
+    target = -(vectors[:, good] / root).T @ ((across * scale).T @ left)
+    size = lsq_linear(root[:, None] * vectors[:, good].T, target, (low, high), method="bvls", tol=1e-12).x
+    size[np.abs(size) < 1e-6 * np.abs(size).max(initial=0.0)] = 0.0
     change = across @ (size * scale)
     predicted = float(left @ left - np.sum((left + change) ** 2))
-    values = insertion.starts | dict(zip(insertion.size_names, size * scale, strict=True))
+    parameters = insertion.starts | dict(zip(insertion.size_names, size * scale, strict=True))
     if not predicted > 0 or not np.all(np.isfinite(change)):
-        wanted = -np.linalg.lstsq(across * scale, left, rcond=1e-12)[0] * scale
-        values |= dict(zip(insertion.size_names, wanted, strict=True))
+        wanted = (vectors[:, good] / root) @ target * scale
+        parameters |= dict(zip(insertion.size_names, wanted, strict=True))
         why = "it would need the wrong sign: it does not oppose motion"
-        return Candidate(insertion, values, 0.0, 0.0, 0.0, None, why)
-    return Candidate(insertion, values, predicted, 0.0, 0.0, None, "", change / np.linalg.norm(change))
+        return Candidate(insertion, parameters, 0.0, 0.0, 0.0, None, why)
+    return Candidate(insertion, parameters, predicted, 0.0, 0.0, None, "", change / np.linalg.norm(change))

@@ -1,6 +1,5 @@
 """Stage 3: the most promising effects are fitted and judged, and one of them is put first."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -96,7 +95,7 @@ def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
     rest += [replace(c, why_not="others promise more") for c in possible if c not in wide]
     for candidate in wide:
         bench.expect(candidate.parameters)
-    early = _first_fits(bench, wide, lambda at, candidate: _tried(at, base, rules, stage, candidate))
+    early = _first_fits(bench, base, rules, stage, wide)
     rest += [c for c in early if c.why_not]
     ranked = sorted((c for c in early if not c.why_not), key=lambda c: bic(c.fit) if c.fit else np.inf)
     few = ranked[:NARROW] + [c for c in ranked[NARROW:] if _is_simple(c)][:NARROW]
@@ -172,24 +171,31 @@ def _weighed_trials(bench: Workbench, base: Base, rules: Rules, options: list[In
     return ordered(found, _second) + [c for c in judged if c.fit is None] + rest
 
 
-def _first_fits(
-    bench: Workbench, wide: list[Candidate], work: Callable[[Workbench, Candidate], Candidate]
-) -> list[Candidate]:
+def _first_fits(bench: Workbench, base: Base, rules: Rules, stage: float, wide: list[Candidate]) -> list[Candidate]:
     """Fit those with the fewest parameters first; where one leaves noise alone, much richer ones need no fit."""
     found: list[Candidate] = []
+    enough: Candidate | None = None
     for count in sorted({len(c.insertion.parameter_names) for c in wide}):
         these = [c for c in wide if len(c.insertion.parameter_names) == count]
-        enough = next((c for c in found if not c.why_not and _explains_all(c)), None)
         if enough is not None and count > len(enough.insertion.parameter_names) + 1:
             found += [replace(c, fit=None, why_not=_far_simpler(enough)) for c in these]
             continue
-        found += each(bench, these, work, "first fit")
+        new = each(bench, these, lambda at, candidate: _tried(at, base, rules, stage, candidate), "first fit")
+        found += new
+        enough = enough or _enough(bench, base, rules, new)
     return found
 
 
-def _explains_all(candidate: Candidate) -> bool:
-    fit = candidate.fit
-    return fit is not None and _leaves_noise(candidate) and fit.chi2 < NOISE_ALONE * fit.n_residuals
+def _enough(bench: Workbench, base: Base, rules: Rules, new: list[Candidate]) -> Candidate | None:
+    """Return the best of some candidates if it leaves noise alone, with injection and without."""
+    fitted_ones = [c for c in new if c.fit is not None and not c.why_not]
+    best = min(fitted_ones, key=lambda c: c.fit.chi2 if c.fit else np.inf, default=None)
+    if best is None or best.fit is None or not _leaves_noise(best):
+        return None
+    together = (*base.taken, best.insertion)
+    last = bench.fit(together, best.fit.point, (rules.screening, 0.0), rules.sd, patient=False)
+    is_all = residuals(last).largest < CLEAN and last.chi2 < NOISE_ALONE * last.n_residuals
+    return best if is_all else None
 
 
 def _far_simpler(enough: Candidate) -> str:
