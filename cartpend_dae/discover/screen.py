@@ -31,6 +31,12 @@ def candidates(cards: tuple[Card, ...], places: tuple[Place, ...], taken: tuple[
     return [insertion for insertion in found if insertion.prefix not in names]
 
 
+def is_other_law(one: Candidate, other: Candidate) -> bool:
+    """Return whether two candidates are laws of dry friction of the same contact."""
+    is_dry = _is_dry(one.insertion.card) and _is_dry(other.insertion.card)
+    return is_dry and bool(_motion(one.insertion.place) & _motion(other.insertion.place))
+
+
 def _is_dry(card: Card) -> bool:
     return card.insertion == "parallel" and "sign v" in card.regressors
 
