@@ -50,7 +50,8 @@ class Fit:
     parameters and free starts, SI; `noise` is what the residuals show, in units of `weights_sd`. `tied` are parameters
     that follow from others, `blind` says along which directions the data leave the parameters open,
     `notes` what else is to be known of how it was found. `form` is that of the model that the figures rest on: `smooth`
-    without events, else events stepped over in `time-stepping` or located exactly, from the fit `stepped`.
+    without events, else events stepped over in `time-stepping` or located exactly, from the fit `stepped`. `quanta` are
+    the steps in which outputs are counted, SI; 0 where none is seen.
     """
 
     parameters: tuple[Estimate, ...]
@@ -73,6 +74,7 @@ class Fit:
     notes: tuple[str, ...] = ()
     form: Form = "smooth"
     stepped: "Fit | None" = None
+    quanta: tuple[float, ...] = ()
 
     def _repr_html_(self) -> str:
         """Show the estimates in a notebook."""
@@ -225,6 +227,7 @@ def outcome(
         message=found.message,
         iterations=found.iterations,
         form="time-stepping" if problem.has_events else "smooth",
+        quanta=problem.quanta,
     )
 
 

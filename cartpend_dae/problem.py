@@ -118,6 +118,12 @@ class Problem:
         """Noise of each output as the raw data show it, or as the study states it; shape (n_y,)."""
         return np.array([_channel_sd(self.experiments, name) for name in self.outputs])
 
+    @property
+    def quanta(self) -> tuple[float, ...]:
+        """Largest step in which each output is counted in any run, SI; 0 where none is seen."""
+        runs = self.experiments
+        return tuple(max(run.outputs[n].quantum for run in runs if n in run.outputs) for n in self.outputs)
+
     def with_measured(self, experiments: tuple[Experiment, ...]) -> "Problem":
         """Return the same problem with other measured values at the same samples; what was built is kept."""
         return self._kept(replace(self, experiments=experiments), ("layout", "functions", *_OF_STARTS))

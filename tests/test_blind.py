@@ -10,9 +10,10 @@ from blind.catalogue import EFFECTS, hidden_on
 from blind.generate import DataSet, generate
 from blind.keys import REGIMES, Key
 from blind.rigs import RIGS
-from blind.run import main, one, seeds_of
+from blind.run import in_turn, main, one, seeds_of
 from blind.scorer import equivalences, is_place, score, wilson
-from blind.table import page
+from blind.sizes import HIGHEST, LOWEST
+from blind.table import TITLE, page, put_into
 from blind.writer import write
 
 from cartpend_dae.effects import catalogue, places
@@ -206,12 +207,52 @@ def test_a_result_is_kept_by_content_and_not_made_twice(loaded, tmp_path, monkey
     )
 
 
+def test_a_new_table_takes_the_place_of_the_old_one(tmp_path):
+    target = tmp_path / "validation.md"
+    target.write_text("# Validation\n\n## First\n\nText.\n\n## Last\n")
+    put_into(target, ["old"])
+    put_into(target, ["new"])
+    text = target.read_text()
+    assert text.count(TITLE) == 1 and "old" not in text and "new" in text
+    assert text.startswith("# Validation\n\n## First\n\nText.\n\n## Last\n")
+    target.write_text(text + "\n## After\n\nMore.\n")
+    put_into(target, ["third"])
+    assert target.read_text().endswith("third\n\n## After\n\nMore.\n")
+
+
 def test_all_cases_have_keys():
     for rig in RIGS:
         for regime in REGIMES:
             assert len(cases("single", rig, regime, 0)) == len(hidden_on(rig))
             assert cases("none", rig, regime, 0)[0].kind == "none"
             assert all(key.kind == "open" for key in cases("open", rig, regime, 0))
+
+
+def test_every_cell_and_regime_has_its_turn_before_any_has_two():
+    keys = [
+        key
+        for kind in ("none", "single", "pair")
+        for rig in RIGS
+        for regime in REGIMES
+        for seed in (1000, 1001)
+        for key in cases(kind, rig, regime, seed)
+    ]
+    turns = in_turn(keys)
+    cells = {(key.rig, key.effects) for key in keys}
+    assert len(turns) == len(set(turns)) == len(keys)
+    first = turns[: len(cells)]
+    assert {(key.rig, key.effects) for key in first} == cells
+    assert {key.rig for key in first[:3]} == set(RIGS)
+    counts = [sum(key.regime == regime for key in first) for regime in REGIMES]
+    assert max(counts) - min(counts) <= 1
+    assert all(key.seed == 1000 for key in turns[: 5 * len(cells)])
+
+
+def test_a_pair_of_effects_has_two_sizes():
+    (data,) = generate([Key("linear_damp_mod", "noise", (("coulomb_friction", "rail"), ("constant_load", "rail")), 0)])
+    assert isinstance(data, DataSet)
+    assert [hidden["effect"] for hidden in data.truth["effects"]] == ["coulomb_friction", "constant_load"]
+    assert all(LOWEST <= hidden["share"] <= 1.2 * HIGHEST for hidden in data.truth["effects"])
 
 
 # Four sets through the whole chain, cut to 4 s (a pendulum) and 2 s (a cart), which keep this under a minute.

@@ -1,12 +1,14 @@
 """All effects linearised in one model are what each is in a model of its own."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cartpend_dae import simulate
 from cartpend_dae.data import Channel, Experiment, Start
 from cartpend_dae.discover.records import FreeSpec, Setup
-from cartpend_dae.discover.screen import candidates
+from cartpend_dae.discover.screen import candidates, screen
 from cartpend_dae.discover.sweep import one_by_one, sweep
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import catalogue, insertion_at, places
@@ -86,3 +88,21 @@ def test_a_state_of_the_model_that_is_named_after_an_effect_stays_the_model_s():
         alone = sweep(bench, (), (inertia,), {}, 0.0, sd).sizes["rail.added_inertia.m"]
         beside = sweep(bench, (), (inertia, chain), {}, 0.0, sd).sizes["rail.added_inertia.m"]
         np.testing.assert_allclose(beside, alone, atol=1e-3 * np.abs(alone).max())
+
+
+def test_an_effect_that_is_free_already_promises_nothing():
+    """The damping of the bearing is free, so that viscous friction there would be the same again.
+
+    The sweep follows sizes by the trapezoidal rule and parameters exactly; their difference is no effect.
+    """
+    bench, options = bench_of("pendulum")
+    run = bench.setup.train[0]
+    # something that the model does not know: dry friction, half as strong as in the rig's own bearing
+    moved = simulate(RotaDamp(tau_c=0.01), 4.0, points=401, start={"bearing.phi": 1.0})
+    channel = replace(run.outputs["bearing.phi"], values=moved["bearing.phi"])
+    setup = replace(bench.setup, train=(replace(run, outputs={"bearing.phi": channel}),))
+    bench, sd = Workbench(setup), np.array([1e-3])
+    fit = bench.fit((), {}, (8.0,), sd)
+    found = {c.insertion.prefix: c for c in screen(bench, (), fit.point, options, 8.0, sd)}
+    assert "no sensor sees it" in found["bearing.viscous_friction"].why_not
+    assert found["bearing.coulomb_friction"].predicted > 0.5 * fit.chi2

@@ -10,8 +10,22 @@ from cartpend_dae.identify import Fit
 LIMIT = 4.0
 
 
+def z_beyond_rounding(residual: np.ndarray, quantum: float) -> float:
+    """Return von Neumann's z of what rounding to a quantum does not explain, in units of the noise of rounding.
+
+    At rest, and wherever a sample moves by less than a quantum, neighbouring errors of rounding are alike, up to half a
+    quantum each, and say nothing of the model. What is beyond that half does; it counts as little as it is small.
+    """
+    beyond = np.sign(residual) * np.maximum(np.abs(residual) - quantum / 2, 0.0)
+    before, after = beyond[:-1], beyond[1:]
+    both = np.isfinite(before) & np.isfinite(after)
+    before, after = before[both], after[both]
+    power = max(float(before @ before + after @ after) / 2, len(before) * quantum**2 / 12)
+    return float(np.sqrt(len(before)) * (before @ after) / power) if power > 0 else 0.0
+
+
 def residuals(fit: Fit) -> Gate:
-    """Judge the residuals of a fit by their whiteness.
+    """Judge the residuals of a fit by their whiteness; of outputs that are counted in steps, beyond their rounding.
 
     Parameters
     ----------
@@ -25,8 +39,9 @@ def residuals(fit: Fit) -> Gate:
     found = []
     for run in fit.runs:
         for column, name in enumerate(fit.outputs):
-            series = run.residual[:, column]
+            series, quantum = run.residual[:, column], fit.quanta[column] if fit.quanta else 0.0
             if np.isfinite(series).sum() > 10:
-                found.append((run.name, name, von_neumann_z(series)))
+                z = z_beyond_rounding(series, quantum) if quantum > 0 else von_neumann_z(series)
+                found.append((run.name, name, z))
     largest = max((z for _, _, z in found), default=0.0)
     return Gate(tuple(found), float(largest), bool(largest > LIMIT))

@@ -22,6 +22,8 @@ from cartpend_dae.identify import Fit
 WIDE, NARROW, EARLY = 10, 4, 6
 # predictions below this share of the best one are not fitted
 FAINT = 0.03
+# nor those below this share of the cost, a third of what they must explain
+HOPELESS = 0.1
 # share of the cross-validated cost that one effect must explain. On the measured axis EMPS effects that are there
 # explain 42 to 94 % at bandwidths of 30 to 1000 rad/s, imitations of a missing one at most 22 %.
 MIN_SHARE = 0.3
@@ -49,7 +51,8 @@ def trials(
     screened = screen(bench, taken, fit.point, options, bandwidth, sd)
     possible = [c for c in screened if not c.why_not]
     rest = [c for c in screened if c.why_not]
-    wide = [c for c in possible[:WIDE] if c.predicted > FAINT * possible[0].predicted]
+    least = max(FAINT * possible[0].predicted, HOPELESS * fit.chi2) if possible else 0.0
+    wide = [c for c in possible[:WIDE] if c.predicted > least]
     rest += [replace(c, why_not="others promise more") for c in possible if c not in wide]
     for candidate in wide:
         bench.expect(candidate.parameters)

@@ -144,8 +144,7 @@ def _beyond(
     if outcome.verdict in ("unexplained", "improved"):
         try:
             # where disturbances move the rig something is always left: one closure tells whether it is a law
-            is_named = outcome.regime != "noise" and bool(outcome.steps)
-            left = open_set(bench, outcome, kinds=("spline",) if is_named else KINDS)
+            left = open_set(bench, outcome, kinds=KINDS if outcome.regime == "noise" else ("spline",))
         except (ModelError, SolverError) as error:
             bench.report("what is left", str(error), float("nan"))
     return Beyond(left, splits(bench, outcome), rates(bench, outcome, searcher, placebo=placebo, power=power))

@@ -6,7 +6,6 @@ import numpy as np
 
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.workbench import Workbench
-from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError
 
 # bandwidths tried, in units of the sampling rate
@@ -37,10 +36,12 @@ def best_bandwidth(bench: Workbench, rich: list[Candidate], point: Mapping[str, 
     ----------
     L. Ljung, "System Identification: Theory for the User", 2nd ed. (1999), section 7.2 (prediction errors).
     """
-    everything = tuple(candidate.insertion for candidate in rich)
-    values = {name: value for candidate in rich for name, value in candidate.parameters.items()}
-    bench.expect(values)
-    return _descend(bench, everything, dict(point) | values, _rungs(bench), sd)
+    bench.expect({name: value for candidate in rich for name, value in candidate.parameters.items()})
+    for count in sorted({len(rich), min(1, len(rich))}, reverse=True):  # all together may be too much to simulate
+        found = _descend(bench, tuple(rich[:count]), point, _rungs(bench), sd)
+        if found is not None:
+            return found
+    return _rungs(bench)[0]
 
 
 def _rungs(bench: Workbench) -> tuple[float, ...]:
@@ -50,17 +51,21 @@ def _rungs(bench: Workbench) -> tuple[float, ...]:
 
 def _descend(
     bench: Workbench,
-    insertions: tuple[Insertion, ...],
-    point: Mapping[str, float],
+    rich: tuple[Candidate, ...],
+    start: Mapping[str, float],
     rungs: tuple[float, ...],
     sd: np.ndarray,
-) -> float:
-    """Fit with less and less injection until the predictions get worse."""
-    best, best_cost = rungs[0], np.inf
+) -> float | None:
+    """Fit with less and less injection until the predictions get worse; None if the first fit fails."""
+    insertions = tuple(candidate.insertion for candidate in rich)
+    point = dict(start) | {name: value for candidate in rich for name, value in candidate.parameters.items()}
+    best, best_cost = None, np.inf
     for bandwidth in rungs:
         try:
-            fit = bench.fit(insertions, point, (bandwidth,), sd)
+            fit = bench.fit(insertions, point, (bandwidth,), sd, patient=False)
         except SolverError:
+            if best is None:
+                return None
             continue
         if fit.chi2 > SLACK * best_cost:
             return best

@@ -32,6 +32,12 @@ def candidates(cards: tuple[Card, ...], places: tuple[Place, ...], taken: tuple[
     return [insertion for insertion in found if insertion.prefix not in names]
 
 
+def is_other_law(one: Candidate, other: Candidate) -> bool:
+    """Return whether two candidates are laws of dry friction of the same contact."""
+    is_dry = _is_dry(one.insertion.card) and _is_dry(other.insertion.card)
+    return is_dry and bool(_motion(one.insertion.place) & _motion(other.insertion.place))
+
+
 def _is_dry(card: Card) -> bool:
     return card.insertion == "parallel" and "sign v" in card.regressors
 
@@ -177,21 +183,24 @@ def _predict(insertion: Insertion, found: Sweep, basis: np.ndarray, left: np.nda
     if np.all(blind):
         why = "no sensor sees it apart from what is free already"
         return Candidate(insertion, insertion.starts, 0.0, 0.0, 0.0, None, why)
-    scale = 1 / np.maximum(seen, 1e-150)
+    scale = 1 / np.maximum(whole, 1e-150)
     kind = insertion.place.kind
     bounds = [item.bounds_at(kind) for item in insertion.parameters if item.role == "size"]
     low, high = (np.array(side) / scale for side in zip(*bounds, strict=True))
-    across[:, blind] = 0.0
-    axes, small = np.linalg.qr(across * scale)
-    size = lsq_linear(small, -(axes.T @ left), (low, high), tol=1e-12).x
+    # two sizes may do together what is free already, as damping each way does: that direction is left alone
+    values, vectors = np.linalg.eigh((across * scale).T @ (across * scale))
+    good = values > BLIND
+    root = np.sqrt(values[good])
+    target = -(vectors[:, good] / root).T @ ((across * scale).T @ left)
+    size = lsq_linear(root[:, None] * vectors[:, good].T, target, (low, high), method="bvls", tol=1e-12).x
     size[blind] = 0.0
-    size[np.abs(size) < 1e-6 * np.abs(size).max(initial=0.0)] = 0.0  # the solver stays a little inside the bounds
+    size[np.abs(size) < 1e-6 * np.abs(size).max(initial=0.0)] = 0.0
     change = across @ (size * scale)
     predicted = float(left @ left - np.sum((left + change) ** 2))
-    values = insertion.starts | dict(zip(insertion.size_names, size * scale, strict=True))
+    parameters = insertion.starts | dict(zip(insertion.size_names, size * scale, strict=True))
     if not predicted > 0 or not np.all(np.isfinite(change)):
-        wanted = -np.linalg.lstsq(across * scale, left, rcond=1e-12)[0] * scale
-        values |= dict(zip(insertion.size_names, wanted, strict=True))
+        wanted = (vectors[:, good] / root) @ target * scale
+        parameters |= dict(zip(insertion.size_names, wanted, strict=True))
         why = "it would need the wrong sign: it does not oppose motion"
-        return Candidate(insertion, values, 0.0, 0.0, 0.0, None, why)
-    return Candidate(insertion, values, predicted, 0.0, 0.0, None, "", change / np.linalg.norm(change))
+        return Candidate(insertion, parameters, 0.0, 0.0, 0.0, None, why)
+    return Candidate(insertion, parameters, predicted, 0.0, 0.0, None, "", change / np.linalg.norm(change))

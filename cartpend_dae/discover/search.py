@@ -11,7 +11,7 @@ from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.predicted import MIN_SHARE, explained
 from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdict
 from cartpend_dae.discover.regime import best_bandwidth
-from cartpend_dae.discover.screen import candidates, screen
+from cartpend_dae.discover.screen import candidates, is_other_law, screen
 from cartpend_dae.discover.trial import (
     MIN_BIC_GAIN,
     NEAR,
@@ -123,7 +123,7 @@ def _disturbed(bench: Workbench, noise: Rules, base: Base, log: _Log, library: _
     """
     early = base.fits[noise.screening].point
     ranked = [c for c in log.tried.values() if not c.why_not or c.fit is not None]
-    if not ranked:
+    if not log.tried:
         screened = screen(bench, (), early, candidates(*library, ()), noise.screening, noise.sd)
         ranked = [c for c in screened if not c.why_not]
     rich = _distinct([step.candidate for step in log.steps] + ranked)[:RICH]
@@ -134,11 +134,12 @@ def _disturbed(bench: Workbench, noise: Rules, base: Base, log: _Log, library: _
 
 
 def _distinct(ranked: list[Candidate]) -> list[Candidate]:
-    """Leave out those that move the data as one before them does."""
+    """Leave out those that move the data as one before them does, or rub where one of them does."""
     found: list[Candidate] = []
     for candidate in ranked:
-        if not any(are_parallel(candidate, other) for other in found):
-            found.append(candidate)
+        if any(are_parallel(candidate, other) or is_other_law(candidate, other) for other in found):
+            continue
+        found.append(candidate)
     return found
 
 

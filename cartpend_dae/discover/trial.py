@@ -88,12 +88,14 @@ def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
     stage, screened = _screened_where_it_shows(bench, base, rules, options)
     possible = [c for c in screened if not c.why_not]
     rest = [c for c in screened if c.why_not]
+    if not base.taken and not any(_shows(c, base.fits[stage]) for c in possible):
+        return [replace(c, why_not=_promises_little(c, base.fits[stage])) for c in possible] + rest
     wide = [c for c in possible[:WIDE] if c.predicted > FAINT * possible[0].predicted]
     wide += [c for c in possible[WIDE:] if _is_simple(c) and c.predicted > (1 - CLOSE) * possible[0].predicted][:NARROW]
     rest += [replace(c, why_not="others promise more") for c in possible if c not in wide]
     for candidate in wide:
         bench.expect(candidate.parameters)
-    early = each(bench, wide, lambda at, candidate: _tried(at, base, rules, stage, candidate), "first fit")
+    early = _first_fits(bench, base, rules, stage, wide)
     rest += [c for c in early if c.why_not]
     ranked = sorted((c for c in early if not c.why_not), key=lambda c: bic(c.fit) if c.fit else np.inf)
     few = ranked[:NARROW] + [c for c in ranked[NARROW:] if _is_simple(c)][:NARROW]
@@ -133,6 +135,15 @@ def _screened_where_it_shows(
     return found
 
 
+def _shows(candidate: Candidate, fit: Fit) -> bool:
+    """Return whether an effect promises to explain a good part of what is more than noise."""
+    return candidate.predicted > HIDDEN * (fit.chi2 - fit.n_residuals)
+
+
+def _promises_little(candidate: Candidate, fit: Fit) -> str:
+    return f"it promises {100 * candidate.predicted / fit.chi2:.1f} % of what is left, and none promises much more"
+
+
 def _is_simple(candidate: Candidate) -> bool:
     return len(candidate.insertion.parameter_names) == 1
 
@@ -160,6 +171,37 @@ def _weighed_trials(bench: Workbench, base: Base, rules: Rules, options: list[In
     return ordered(found, _second) + [c for c in judged if c.fit is None] + rest
 
 
+def _first_fits(bench: Workbench, base: Base, rules: Rules, stage: float, wide: list[Candidate]) -> list[Candidate]:
+    """Fit those with the fewest parameters first; where one leaves noise alone, much richer ones need no fit."""
+    found: list[Candidate] = []
+    enough: Candidate | None = None
+    for count in sorted({len(c.insertion.parameter_names) for c in wide}):
+        these = [c for c in wide if len(c.insertion.parameter_names) == count]
+        if enough is not None and count > len(enough.insertion.parameter_names) + 1:
+            found += [replace(c, fit=None, why_not=_far_simpler(enough)) for c in these]
+            continue
+        new = each(bench, these, lambda at, candidate: _tried(at, base, rules, stage, candidate), "first fit")
+        found += new
+        enough = enough or _enough(bench, base, rules, new)
+    return found
+
+
+def _enough(bench: Workbench, base: Base, rules: Rules, new: list[Candidate]) -> Candidate | None:
+    """Return the best of some candidates if it leaves noise alone, with injection and without."""
+    fitted_ones = [c for c in new if c.fit is not None and not c.why_not]
+    best = min(fitted_ones, key=lambda c: c.fit.chi2 if c.fit else np.inf, default=None)
+    if best is None or best.fit is None or not _leaves_noise(best):
+        return None
+    together = (*base.taken, best.insertion)
+    last = bench.fit(together, best.fit.point, (rules.screening, 0.0), rules.sd, patient=False)
+    is_all = residuals(last).largest < CLEAN and last.chi2 < NOISE_ALONE * last.n_residuals
+    return best if is_all else None
+
+
+def _far_simpler(enough: Candidate) -> str:
+    return f"`{enough.insertion.prefix}` leaves nothing but noise with far fewer parameters"
+
+
 def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate]) -> list[Candidate]:
     """Fit to the end those with the fewest parameters first; where one leaves noise alone, richer ones need no fit."""
     found: list[Candidate] = []
@@ -167,8 +209,7 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate]) ->
         these = [c for c in few if len(c.insertion.parameter_names) == count]
         enough = next((c for c in found if not c.why_not and _leaves_noise(c)), None)
         if enough is not None and count > len(enough.insertion.parameter_names) + 1:
-            why = f"`{enough.insertion.prefix}` leaves nothing but noise with far fewer parameters"
-            found += [replace(c, fit=None, why_not=why) for c in these]
+            found += [replace(c, fit=None, why_not=_far_simpler(enough)) for c in these]
             continue
         found += each(bench, these, lambda at, candidate: _judge(at, base, rules, candidate), "last fit")
     return found

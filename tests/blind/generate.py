@@ -164,7 +164,13 @@ def _resized(size: float, share: float) -> float:
 
 
 def _training(group: list[Draft], k: int) -> list[Column]:
-    return [Column(item.p, (item.laws[k],), run) for item in group for run in item.runs[:2]]
+    # of several effects the later ones have no size yet
+    name = group[0].key.effects[k][0]
+    return [
+        Column(item.p, (EFFECTS[name].sized(item.full[k], item.sizes[k]),), run)
+        for item in group
+        for run in item.runs[:2]
+    ]
 
 
 def _measure_disturbances(group: list[Draft], baseline: Baseline) -> None:

@@ -2,8 +2,8 @@
 
 Each data set is made, given to the tool as `cartpend discover` does it, and its result is kept under
 `build/blind` by the content of package and data: what is there already is not run again, so that the same command
-continues after an interruption. Seeds 0 to 99 are for tuning; seeds from 1000 on are run for the report only, once,
-with `--report`, from a clean checkout.
+continues after an interruption. Every cell comes once, in one regime after the other, before any comes twice. Seeds 0
+to 99 are for tuning; seeds from 1000 on are run for the report only, once, with `--report`, from a clean checkout.
 """
 
 import argparse
@@ -12,7 +12,6 @@ import shutil
 import signal
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
 
@@ -26,6 +25,9 @@ from blind.keys import Key, Regime
 from blind.rigs import RIGS
 from blind.scorer import score
 from blind.writer import write
+
+# seconds after which a data set that is too late is interrupted again: IPOPT swallows an interruption
+AGAIN = 2.0
 
 
 def seeds_of(text: str, is_report: bool) -> list[int]:
@@ -67,18 +69,18 @@ def discover(study: Path, timeout: float) -> tuple[dict[str, Any] | None, str]:
     from cartpend_dae.report.result import discovery_result
     from cartpend_dae.session import discover_study, open_study
 
-    before, begin = signal.signal(signal.SIGALRM, _interrupt), time.monotonic()
-    signal.setitimer(signal.ITIMER_REAL, timeout)
+    before, begin = signal.signal(signal.SIGPROF, _interrupt), time.monotonic()
+    signal.setitimer(signal.ITIMER_PROF, timeout, AGAIN)
     try:
         opened = open_study(study)
         found = discovery_result(opened, discover_study(opened), time.monotonic() - begin)
     except TooLongError:
-        return None, f"no result after {timeout:g} s"
+        return None, f"no result after {timeout:g} s of processor time"
     except Exception as error:  # whatever ends the command is a failure of the tool
         return None, f"{type(error).__name__}: {str(error)[-500:]}"
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
     result = json.loads(json.dumps(found))
     return {name: result[name] for name in ("verdict", "baseline", "steps", "final", "seconds")}, ""
 
@@ -92,7 +94,7 @@ def one(data: DataSet, home: Path, known: frozenset[str], package: str, timeout:
     path = store.path_of(home, package, data_hash)
     if path.exists():
         return json.loads(path.read_text()), False
-    begin = time.monotonic()
+    begin, worked = time.monotonic(), time.process_time()
     result, failure = discover(study, timeout)
     head, is_clean = store.commit()
     record = {
@@ -101,6 +103,7 @@ def one(data: DataSet, home: Path, known: frozenset[str], package: str, timeout:
         "data": data_hash,
         "commit": head if is_clean else f"{head} with changes",
         "seconds": round(time.monotonic() - begin, 1),
+        "processor_seconds": round(time.process_time() - worked, 1),
         "failure": failure,
         "truth": data.truth,
         "result": result,
@@ -116,26 +119,43 @@ def said(record: dict[str, Any]) -> str:
     found = score(record["result"], record["truth"])
     steps = ", ".join(f"{s['effect']}@{s['at']}" for s in record["result"]["steps"]) or "nothing"
     mark = "right" if found.is_exact else "WRONG"
-    return f"{record['name']}: {mark}: {steps}; {found.verdict}; {record['seconds']} s"
+    return f"{record['name']}: {mark}: {steps}; {found.verdict}; {record['processor_seconds']} s"
 
 
-def batches(keys: list[Key]) -> Iterator[list[Key]]:
-    """Yield keys that are simulated together."""
-    by_laws: dict[tuple[Any, ...], list[Key]] = {}
+def in_turn(keys: list[Key]) -> list[Key]:
+    """Put keys in an order in which each cell (rig, effects, what is excluded) comes once before any comes twice.
+
+    The next cell has the next regime, and the next seed comes when a cell has had all; the rigs take turns.
+    """
+    cells: dict[tuple[Any, ...], dict[tuple[int, str], Key]] = {}
     for key in keys:
-        by_laws.setdefault((key.rig, key.regime, key.effects, key.exclude), []).append(key)
-    yield from by_laws.values()
+        cells.setdefault((key.rig, key.effects, key.exclude), {})[(key.seed, key.regime)] = key
+    seeds, regimes = (
+        sorted({key.seed for key in keys}),
+        [r for r in get_args(Regime) if any(k.regime == r for k in keys)],
+    )
+    turns: list[Key] = []
+    for turn in range(len(seeds) * len(regimes)):
+        by_rig: dict[str, list[Key]] = {}
+        for number, cell in enumerate(cells.values()):
+            seed, regime = seeds[turn // len(regimes)], regimes[(number + turn) % len(regimes)]
+            if (seed, regime) in cell:
+                key = cell[(seed, regime)]
+                by_rig.setdefault(key.rig, []).append(key)
+        longest = max(map(len, by_rig.values()), default=0)
+        turns += [line[k] for k in range(longest) for line in by_rig.values() if k < len(line)]
+    return turns
 
 
 def arguments(argv: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--regime", choices=get_args(Regime), action="append", help="may be repeated; all if absent")
     parser.add_argument("--rig", choices=list(RIGS), action="append", help="may be repeated; all if absent")
-    parser.add_argument("--kind", choices=KINDS, action="append", help="may be repeated; `single` if absent")
+    parser.add_argument("--kind", choices=KINDS, action="append", help="may be repeated; all if absent")
     parser.add_argument("--seeds", default="0-4", help="as 0-4 or 0,3,7-9")
     parser.add_argument("--effect", action="append", help="only data sets with this effect; may be repeated")
     parser.add_argument("--limit-minutes", type=float, default=float("inf"), help="begin nothing after this time")
-    parser.add_argument("--timeout", type=float, default=600.0, help="seconds for one data set")
+    parser.add_argument("--timeout", type=float, default=600.0, help="seconds of processor time for one data set")
     parser.add_argument("--store", type=Path, default=store.STORE, help="folder of data and results")
     parser.add_argument("--report", action="store_true", help=f"run seeds from {REPORTED_FROM} on, once")
     return parser.parse_args(argv)
@@ -154,7 +174,7 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     keys = [
         key
-        for kind in options.kind or ["single"]
+        for kind in options.kind or KINDS
         for rig in options.rig or RIGS
         for regime in options.regime or get_args(Regime)
         for seed in seeds
@@ -169,18 +189,16 @@ def main(argv: list[str] | None = None) -> int:
 def work(keys: list[Key], options: argparse.Namespace, deadline: float) -> tuple[int, str]:
     """Run data sets until the deadline; return how many were run, and why it ended early."""
     package, known, n_run = store.package(), known_effects(), 0
-    for batch in batches(keys):
+    for key in in_turn(keys):
         if time.monotonic() > deadline:
             return n_run, ", then the time was up"
-        for data in generate(batch):
-            if not isinstance(data, DataSet):
-                print(f"not shown: {data}", flush=True)
-                continue
-            if time.monotonic() > deadline:
-                return n_run, ", then the time was up"
-            record, is_new = one(data, options.store, known, package, options.timeout)
-            n_run += is_new
-            print(said(record), flush=True)
+        (data,) = generate([key])
+        if not isinstance(data, DataSet):
+            print(f"not shown: {data}", flush=True)
+            continue
+        record, is_new = one(data, options.store, known, package, options.timeout)
+        n_run += is_new
+        print(said(record), flush=True)
     return n_run, ""
 
 

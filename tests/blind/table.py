@@ -18,6 +18,8 @@ from blind.cases import REPORTED_FROM
 from blind.scorer import Score, score, wilson
 
 Record = dict[str, Any]
+TITLE = "## Blind data sets"
+COMMAND = "python tests/blind/run.py --report --seeds 1000-1001; python tests/blind/table.py --write docs/validation.md"
 FAILED = Score(False, False, 0, 0, None, "failed", False, False)
 
 
@@ -122,10 +124,22 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--detail", action="store_true", help="a row for each effect and place")
     parser.add_argument("--store", type=Path, default=store.STORE)
     parser.add_argument("--package", default=None, help="hash of the package; that of the checkout if absent")
+    parser.add_argument("--write", type=Path, help="put the table into this page, in place of the one that is there")
     options = parser.parse_args(argv)
     package = options.package or store.package()
-    print("\n".join(page(list(store.records(options.store)), package, tuning=options.tuning, detail=options.detail)))
+    lines = page(list(store.records(options.store)), package, tuning=options.tuning, detail=options.detail)
+    print("\n".join(lines))
+    if options.write:
+        put_into(options.write, lines)
     return 0
+
+
+def put_into(target: Path, lines: list[str]) -> None:
+    """Put the table into a page as a section of its own, in place of the one that stands there, or at its end."""
+    before, _, rest = target.read_text("utf-8").partition(f"\n{TITLE}\n")
+    _, mark, tail = rest.partition("\n## ")
+    section = [TITLE, "", f"`{COMMAND}`", "", *lines]
+    target.write_text(before.rstrip("\n") + "\n\n" + "\n".join(section).rstrip("\n") + "\n" + mark + tail, "utf-8")
 
 
 if __name__ == "__main__":
