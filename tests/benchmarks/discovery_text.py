@@ -12,7 +12,7 @@ STUDIES = {
     "schmidt_lipson": "viscous friction, then nothing more",
     "schmidt_lipson_pend": "viscous friction, then nothing more",
     "emps": "Coulomb friction, load and direction dependence; force error of the test run at most 5.4 %",
-    "closed_loop_rig": "a rotor that is too light, Stribeck friction of the rail, a chain that gives way",
+    "closed_loop_rig": "a rotor heavier than declared, Stribeck friction of the rail, a chain that gives way",
 }
 """What each study should find."""
 SHOWN = {"rad": (180 / math.pi, "deg"), "rad/s": (30 / math.pi, "rpm"), "m": (1e3, "mm")}
