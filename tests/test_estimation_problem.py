@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from test_identify import experiment_of
 
-from cartpend_dae import Component, ModelError, Param, Statements, assemble, connect, initial, param, simulate
+from cartpend_dae import Component, ModelError, Param, Statements, assemble, connect, initial, insert, param, simulate
 from cartpend_dae.data import Channel, Start
 from cartpend_dae.directions import blind_directions
 from cartpend_dae.identify import estimate
@@ -336,3 +336,15 @@ def test_a_fit_whose_only_parameter_stands_on_its_bound_has_residuals_that_may_b
     free = free_parameter(system, "bearing.d", guess=0.02, upper=D * (1 - 1e-4))
     fit = estimate(make_problem(system, (free,), (release(0.5),)))
     assert fit.noise.is_white and fit.parameters[0].status == "at-bound" and not fit.starts
+
+
+def test_starts_of_pieces_keep_their_names_in_a_model_with_an_effect_in_series():
+    """What gives way in the bearing makes the arm's angle a state in place of the bearing's."""
+    run = replace(release(0.5), piece=1.0)
+    plain = make_problem(assemble(RotaDamp()), (), (run,))
+    inside = insert(RotaDamp(), "compliance", "bearing.flange_a")
+    given = make_problem(assemble(inside), (), (run,))
+    missing = {item.name for item in plain.variables} - {item.name for item in given.variables}
+    assert not missing
+    starts = [name for name in (item.name for item in given.variables) if name.endswith((".phi", ".w"))]
+    assert len(starts) == len(plain.variables), starts
