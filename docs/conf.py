@@ -27,6 +27,7 @@ myst_enable_extensions = ["deflist", "html_image"]
 autodoc_member_order = "bysource"
 default_role = "code"  # what single backquotes mean in a docstring
 python_maximum_signature_line_length = 100
+highlight_language = "none"  # of a block that names no language
 numpydoc_show_class_members = False
 
 html_theme = "furo"
