@@ -98,8 +98,8 @@ def test_a_crash_and_a_loop_are_contained_and_told(hopper):
     fmu = load_fmu(hopper)
     with pytest.raises(SolverError, match=r"the FMU crashed \(SIGSEGV\) while it had to run for ME"):
         fmu.simulate(parameters={"misbehave": 1})
-    with pytest.raises(SolverError, match="was ended after 25 s while it had to run"):
-        fmu.simulate(parameters={"misbehave": 2}, limit=25.0)
+    with pytest.raises(SolverError, match="was ended after 2 s while it had to run"):
+        fmu.simulate(parameters={"misbehave": 2}, limit=2.0)
     with pytest.raises(SolverError, match=r"fails to compute its derivatives.*I refuse at 0.1"):
         fmu.simulate(parameters={"misbehave": 3})
 

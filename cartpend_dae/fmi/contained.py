@@ -21,6 +21,8 @@ import numpy as np
 from cartpend_dae.errors import SolverError, StudyError
 
 SHOWN = 400
+# Python itself may take so long to start on a busy machine [s]; the limit of a task counts from there
+START, PAUSE = 600.0, 0.02
 
 
 def contained(task: str, arguments: dict[str, Any], *, limit: float, label: str) -> dict[str, Any]:
@@ -31,7 +33,7 @@ def contained(task: str, arguments: dict[str, Any], *, limit: float, label: str)
     task, arguments
         Name of the task, and what it needs, as plain data and arrays.
     limit
-        Seconds after which the process is ended.
+        Seconds after which the process is ended, without the start of Python.
     label
         The FMU, for messages.
 
@@ -72,7 +74,7 @@ def _run(folder: Path, limit: float, label: str) -> int:
             preexec_fn=_bounded if os.name == "posix" else None,
         )
         try:
-            return child.wait(timeout=limit)
+            return _waited(child, folder, limit)
         except subprocess.TimeoutExpired:
             _end(child)
             raise SolverError(
@@ -82,6 +84,14 @@ def _run(folder: Path, limit: float, label: str) -> int:
         except BaseException:
             _end(child)
             raise
+
+
+def _waited(child: "subprocess.Popen[bytes]", folder: Path, limit: float) -> int:
+    begin = time.monotonic()
+    while not (folder / "stage.txt").exists() and time.monotonic() - begin < START:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            return child.wait(timeout=PAUSE)
+    return child.wait(timeout=limit)
 
 
 def _end(child: "subprocess.Popen[bytes]") -> None:
