@@ -16,7 +16,7 @@ import numpy as np
 
 from cartpend_dae.data import Experiment
 from cartpend_dae.discover.records import Candidate, Search, Step
-from cartpend_dae.discover.workbench import Workbench, assembled, renamed
+from cartpend_dae.discover.workbench import ROUGH, Workbench, assembled, renamed
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.experiment_design import Plan, candidates
@@ -30,6 +30,8 @@ CLEAR = 20.0
 # largest inputs and releases over those of the runs
 FARTHER = 2.0
 DURATION, MOST_SAMPLES = 10.0, 2000
+# after so many steps of a rough fit of a rival, so many times the chi^2 of the answer: the runs tell them apart
+EARLY, APART = 5, 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,18 +74,23 @@ def splits(bench: Workbench, search: Search, *, plan: Plan | None = None) -> tup
         others = tuple(i for i in taken if i.prefix != step.candidate.insertion.prefix)
         for rival in _rivals(search, step):
             try:
-                fit = bench.fit(
-                    (*others, rival.insertion),
-                    search.final.point | rival.parameters,
-                    (search.bandwidth,),
-                    search.final.weights_sd,
-                    patient=False,
-                )
+                fit = _fit_of(bench, search, (*others, rival.insertion), rival)
+                if fit is None:
+                    continue
                 ranking = _ranked(bench, (taken, search.final), ((*others, rival.insertion), fit), plan or _plan(bench))
             except (SolverError, ModelError):
                 continue
             found.append(Split(step.candidate.insertion.prefix, rival.insertion.prefix, ranking))
     return tuple(found)
+
+
+def _fit_of(bench: Workbench, search: Search, together: tuple[Insertion, ...], rival: Candidate) -> Fit | None:
+    """Fit the model with a rival; None if a few steps show that the runs tell it from the answer."""
+    guess, sd, at = search.final.point | rival.parameters, search.final.weights_sd, (search.bandwidth,)
+    first = bench.fit(together, guess, at, sd, patient=False, iterations=EARLY, stride=ROUGH)
+    if first.chi2 > APART * search.final.chi2:
+        return None
+    return bench.fit(together, first.point, at, sd, patient=False)
 
 
 def _rivals(search: Search, step: Step) -> list[Candidate]:
