@@ -179,7 +179,7 @@ def closure_rows(result: Json) -> list[ClosureRow]:
     """Return the closures, the best first."""
     return [
         ClosureRow(
-            CLOSURES.get(c["kind"], str(c["kind"])), c["at"], number(c["gain"], 4), number(c["largest_z_left"], 2)
+            CLOSURES.get(kind := str(c["kind"]), kind), c["at"], number(c["gain"], 4), number(c["largest_z_left"], 2)
         )
         for c in (result.get("open_set") or {}).get("closures", ())
     ]
