@@ -7,7 +7,7 @@ import pytest
 from blind import store
 from blind.cases import OPEN, PAIRS, TRIPLES, cases
 from blind.catalogue import EFFECTS, hidden_on
-from blind.generate import DataSet, generate
+from blind.generate import DataSet, _resized, generate
 from blind.keys import REGIMES, Key
 from blind.rigs import RIGS
 from blind.run import in_turn, main, one, seeds_of
@@ -201,6 +201,8 @@ def test_a_result_is_kept_by_content_and_not_made_twice(loaded, tmp_path, monkey
     assert len(calls) == 2
     lines = "\n".join(page(list(store.records(tmp_path)), "p1", tuning=True, detail=True))
     assert "1 data sets, run from the commits" in lines
+    assert "No data set was run of the rig `linear_damp_mod`, `driven_cart`." in lines
+    assert "pairs of a rig and a single effect 1 were run." in lines
     assert "| noise: rota_damp | 1/1 (21–100 %) first, 1/1 (21–100 %) exact | 0.00 |" in lines
     assert (
         "No data set of the reported seeds" in page(list(store.records(tmp_path)), "p1", tuning=False, detail=False)[0]
@@ -253,6 +255,12 @@ def test_a_pair_of_effects_has_two_sizes():
     assert isinstance(data, DataSet)
     assert [hidden["effect"] for hidden in data.truth["effects"]] == ["coulomb_friction", "constant_load"]
     assert all(LOWEST <= hidden["share"] <= 1.2 * HIGHEST for hidden in data.truth["effects"])
+
+
+def test_an_effect_that_left_nothing_grows_and_one_that_broke_the_run_shrinks():
+    assert _resized(0.05, 0.0) == pytest.approx(0.2)
+    assert _resized(0.05, float("nan")) == pytest.approx(0.025)
+    assert _resized(0.5, 5.0) > 0.5 > _resized(0.5, 600.0)
 
 
 # Four sets through the whole chain, cut to 4 s (a pendulum) and 2 s (a cart), which keep this under a minute.

@@ -106,3 +106,7 @@ def test_an_effect_that_is_free_already_promises_nothing():
     found = {c.insertion.prefix: c for c in screen(bench, (), fit.point, options, 8.0, sd)}
     assert "no sensor sees it" in found["bearing.viscous_friction"].why_not
     assert found["bearing.coulomb_friction"].predicted > 0.5 * fit.chi2
+    # damping forward and backward is, in sum, that of the bearing: only their difference is something new
+    asymmetric = found["bearing.asymmetric_friction"]
+    assert all(abs(value) < 0.1 for value in asymmetric.parameters.values())
+    assert asymmetric.predicted >= 0.99 * found["bearing.coulomb_friction"].predicted

@@ -159,7 +159,8 @@ def sized(group: list[Draft]) -> dict[Key, InvisibleError]:
 def _resized(size: float, share: float) -> float:
     """Return a better size where the share is too small or too large."""
     aim = 1.5 * LOWEST if share < LOWEST else 0.7 * HIGHEST
-    factor = aim / share if np.isfinite(share) and share > 0 else 0.5
+    # a limit that is never reached leaves nothing at all; a run that is lost leaves no number
+    factor = aim / share if share > 0 and np.isfinite(share) else 4.0 if share == 0 else 0.5
     return float(np.clip(size * np.clip(factor, 0.2, 4.0), 1e-4, 1.0))
 
 

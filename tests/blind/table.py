@@ -14,7 +14,10 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from blind import store
-from blind.cases import REPORTED_FROM
+from blind.cases import KINDS, REPORTED_FROM
+from blind.catalogue import hidden_on
+from blind.keys import REGIMES
+from blind.rigs import RIGS
 from blind.scorer import Score, score, wilson
 
 Record = dict[str, Any]
@@ -93,6 +96,19 @@ def origin(every: list[Record], chosen: list[Record]) -> list[str]:
     return lines
 
 
+def gaps(chosen: list[Record]) -> list[str]:
+    """Say of which rigs, regimes and kinds there is no data set, and in how many cells there is one."""
+    truths = [record["truth"] for record in chosen]
+    lines = []
+    for name, every in (("rig", RIGS), ("regime", REGIMES), ("kind", KINDS)):
+        missing = [f"`{value}`" for value in every if value not in {truth[name] for truth in truths}]
+        if missing:
+            lines.append(f"No data set was run of the {name} {', '.join(missing)}.")
+    found = {(t["rig"], *((h["effect"], h["at"]) for h in t["effects"])) for t in truths if t["kind"] == "single"}
+    cells = sum(len(hidden_on(rig)) for rig in RIGS)
+    return [*lines, f"Of {cells} pairs of a rig and a single effect {len(found)} were run."]
+
+
 def page(every: list[Record], package: str, *, tuning: bool, detail: bool) -> list[str]:
     """Return the lines of the table for one state of the package.
 
@@ -111,7 +127,7 @@ def page(every: list[Record], package: str, *, tuning: bool, detail: bool) -> li
     what = "seeds for tuning" if tuning else "reported seeds"
     if not chosen:
         return [f"No data set of the {what} has been run with these sources (package {package})."]
-    lines = [f"Blind data sets, {what}, package {package}.", "", *origin(every, chosen)]
+    lines = [f"Blind data sets, {what}, package {package}.", "", *origin(every, chosen), *gaps(chosen)]
     failed = Counter(r["failure"][:80] for r in chosen if r["result"] is None)
     lines += [f"Failed: {count} with `{reason}`" for reason, count in failed.most_common()]
     return lines + sections([(r, scored(r)) for r in chosen], detail)
