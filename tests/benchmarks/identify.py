@@ -51,8 +51,8 @@ def child(python, *arguments):
     return json.loads(done.stdout.strip().splitlines()[-1])
 
 
-def rig(case, peers, folder):
-    """Measure one of the two rigs."""
+def rig(case, peers, folder, kept):
+    """Measure one of the two rigs; `kept` are peers with what was recorded of them."""
     times, clean = case.clean()
     noise = case.noise * np.random.default_rng(0).standard_normal(times.size)
     study = case.write(folder, times, clean + noise)
@@ -63,6 +63,9 @@ def rig(case, peers, folder):
     found["truth"][f"run:{case.measured}"] = case.start
     found |= {"noise": float(np.sqrt(np.mean(noise**2))), "peers": {}}
     for name, python in (("scipy", sys.executable), ("gekko", peers), ("pyomo", peers)):
+        if name in kept:
+            found["peers"][name] = kept[name]
+            continue
         script, log = HERE / "fit" / f"with_{name}.py", folder / "run.csv"
         found["peers"][name] = child(python, script, case.name, log, *case.truth.values())
     return found
@@ -93,12 +96,23 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--peers", default=sys.executable, metavar="PATH", help="interpreter with GEKKO and Pyomo")
     parser.add_argument("--write", type=Path, metavar="PAGE", help="record the figures and write the page")
+    parser.add_argument("--keep", nargs="*", default=[], metavar="PEER", help="peers whose record stays as it is")
     options = parser.parse_args()
+    old = page.recorded().get("identify", {}) if options.keep else {}
     results = {"machine": machine(), "version": version("cartpend_dae", ""), "python": platform.python_version()}
     results |= {"date": time.strftime("%Y-%m-%d"), "load": os.getloadavg()[0], "casadi": ca.CasadiMeta.version()}
     with tempfile.TemporaryDirectory() as folder:
-        results["rigs"] = {case.name: rig(case, options.peers, Path(folder)) for case in CASES}
+        results["rigs"] = {}
+        for case in CASES:
+            had = old["rigs"][case.name]["peers"] if old else {}
+            kept = {name: had[name] for name in options.keep}
+            results["rigs"][case.name] = rig(case, options.peers, Path(folder), kept)
         results["chain"] = chain(Path(folder))
+    if old:
+        results["kept"] = {
+            "peers": options.keep,
+            "of": old.get("kept", {}).get("of", f"{old['version']}, {old['date']}"),
+        }
     if options.write:
         page.record("identify", results)
         options.write.write_text(page.text(page.recorded()))

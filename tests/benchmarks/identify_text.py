@@ -22,6 +22,7 @@ def section(results):
         f"Machine: {results['machine']}. {results['version']}, Python {results['python']}, CasADi {results['casadi']}, "
         f"{results['date']}, load average {results['load']:.1f} at the start (the machine was shared: processor time "
         "counts, but GEKKO solves in a process of its own, whose time is in the wall time alone).",
+        *_kept(results),
         "",
         "| rig | what | sum of squares | wall | processor | same optimum |",
         "|---|---|--:|--:|--:|---|",
@@ -46,6 +47,13 @@ def section(results):
 _PYOMO = (
     "Pyomo was not measured: no model of the rigs was written for it. It installs by pip; solvers that it found: {}."
 )
+
+
+def _kept(results):
+    """Say which figures are older ones of the same machine."""
+    if "kept" not in results:
+        return []
+    return [f"The rows of {' and '.join(results['kept']['peers'])} stand as recorded at {results['kept']['of']}."]
 
 
 def _own(name, ours, start):
