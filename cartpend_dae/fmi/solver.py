@@ -32,7 +32,9 @@ def solver_model(e: Equations) -> NativeModel:
 
 def engine_files(model: NativeModel) -> dict[str, str]:
     """Return the sources of the engine by the names that `all.c` includes."""
-    names = dict(zip(ENGINE, ("engine.h", "engine_methods.c", "engine_events.c", "engine_run.c"), strict=True))
+    names = dict(
+        zip(ENGINE, ("engine.h", "engine_methods.c", "engine_events.c", "engine_leaps.c", "engine_run.c"), strict=True)
+    )
     return {"engine_sizes.h": engine_macros(model)} | {names[part]: engine_part(part) for part in ENGINE}
 
 

@@ -8,8 +8,9 @@
  *   model_ticks       the next tick of all clocks
  * x are states, z algebraic variables, m the memory that events alone change, p parameters, and w are the inputs: values
  * at a time `begin`, slopes, and `begin` itself. The sizes N_X, N_Z, N_M, N_W, N_P and N_G (indicators) are macros, as
- * are the sizes of the work space (WORK_model_rates ...). Element STOP of the memory tells why the run has stopped (0:
- * it has not), the next one when. Nothing here keeps state of its own, so that many runs may go at once.
+ * are the sizes of the work space (WORK_model_rates ...), and IS_LEAPING: whether exponential.c is in use. Element STOP
+ * of the memory tells why the run has stopped (0: it has not), the next one when. Nothing here keeps state of its own,
+ * so that many runs may go at once.
  */
 #include <float.h>
 #include <math.h>
@@ -20,9 +21,6 @@
 #define N_STAGES 8
 /* the matrix of a step of few states is inverted: a product is faster than a solution, eight times in a step */
 #define IS_INVERTED (N_Z == 0 && N_X <= 12)
-#ifndef IS_LEAPING
-#define IS_LEAPING 0 /* whether steps through the transients of held values are tried: see exponential.c */
-#endif
 
 enum method { EXPLICIT = 0, IMPLICIT = 1 };
 
@@ -36,18 +34,6 @@ typedef struct {
     double method;     /* EXPLICIT or IMPLICIT */
 } settings;
 
-/* Where a run stands: all that decides how it goes on, without pointers, so that a copy of it is a saved state. */
-typedef struct {
-    double t;              /* time [s] */
-    double step;           /* next step [s] */
-    double first_step;     /* step that was right after the last jump [s], 0: not known */
-    double last_step, last_error; /* length of the last step [s], and its error over the tolerance */
-    double has_jumped;     /* whether nothing was stepped since the last jump */
-    double y[ROOM(N_Y)], m[ROOM(N_M)], w[ROOM(N_W)], p[ROOM(N_P)];
-    double armed[ROOM(N_G)]; /* whether an indicator was above zero, and so may fall through it */
-    double n_steps, n_rejected, n_trials, n_events;
-} point;
-
 #if IS_LEAPING
 #define N_NODES 3
 #define N_KEPT 4
@@ -58,17 +44,32 @@ typedef struct {
     double h, free[N_NODES][N_X * N_X], driven[N_NODES][N_NODES][N_X * N_X], unseen[N_X * N_X], decay[N_X * N_X];
 } propagator;
 
+/* What leaps have learnt. */
 typedef struct {
-    double linear[N_X * N_X]; /* a Jacobian of the rates from an earlier point */
-    propagator kept[N_KEPT];
-    int is_known, n_kept, oldest;
-    int has_leapt, is_leaping;        /* since the last tick; with the last step */
+    double is_known, linear[N_X * N_X]; /* a Jacobian of the rates from an earlier point */
+    double n_widths, oldest, widths[N_KEPT]; /* lengths of steps that it was used with [s] */
+    double has_leapt, is_leaping;     /* since the last tick; with the last step */
     double usual, between;            /* so many ordinary steps were needed between two ticks, and their distance [s] */
     double steps_before, tick_before; /* steps made, and time [s], at the last tick */
     double cost;                      /* of this leap, in ordinary steps */
     double wait, last_wait;           /* ticks until the next attempt, and how many they were last */
 } leaper;
 #endif
+
+/* Where a run stands: all that decides how it goes on, without pointers, so that a copy of it is a saved state. */
+typedef struct {
+    double t;              /* time [s] */
+    double step;           /* next step [s] */
+    double first_step;     /* step that was right after the last jump [s], 0: not known */
+    double last_step, last_error; /* length of the last step [s], and its error over the tolerance */
+    double has_jumped;     /* whether nothing was stepped since the last jump */
+    double y[ROOM(N_Y)], m[ROOM(N_M)], w[ROOM(N_W)], p[ROOM(N_P)];
+    double armed[ROOM(N_G)]; /* whether an indicator was above zero, and so may fall through it */
+    double n_steps, n_rejected, n_trials, n_events;
+#if IS_LEAPING
+    leaper leaper;
+#endif
+} point;
 
 /* A run: where it stands, and its last step with what the dense output needs. */
 typedef struct {
@@ -88,7 +89,8 @@ typedef struct {
     double found[ROOM(N_G)]; /* indicators */
 #if IS_LEAPING
     double output_at; /* the next output time [s] */
-    leaper leaper;
+    double kept_of[N_X * N_X];
+    propagator kept[N_KEPT]; /* matrices of `kept_of` and the widths; h is 0 where there are none */
 #endif
 } engine;
 

@@ -12,6 +12,8 @@
  * phi_j / (k - j)! (section 4.2 there).
  */
 
+#if IS_LEAPING
+
 static const double EX_C[N_NODES] = {0.25, 0.5, 1};
 /* Lagrange's parabolas of the nodes by powers of s */
 static const double EX_L[N_NODES][3] = {{8.0 / 3, -8, 16.0 / 3}, {-2, 10, -8}, {1.0 / 3, -2, 8.0 / 3}};
@@ -108,15 +110,26 @@ static void make_propagator(const double *linear, double h, propagator *made)
     made->h = h;
 }
 
-/* Return the matrices of a step of length h, kept or made anew. */
-static const propagator *propagator_of(leaper *l, double h)
+/* Return the matrices of a step of length h, kept or made anew: what they are follows from where the run stands alone. */
+static const propagator *propagator_of(engine *e, double h)
 {
-    for (int i = 0; i < l->n_kept; i++)
-        if (fabs(l->kept[i].h - h) <= 1e-11 * h) return l->kept + i;
-    int place = l->n_kept < N_KEPT ? l->n_kept++ : (l->oldest = (l->oldest + 1) % N_KEPT);
-    make_propagator(l->linear, h, l->kept + place);
-    l->cost += COST_OF_MATRICES;
-    return l->kept + place;
+    leaper *l = &e->now.leaper;
+    int n = (int)l->n_widths, place = 0;
+    while (place < n && fabs(l->widths[place] - h) > 1e-11 * h) place++;
+    if (place == n) {
+        if (n < N_KEPT)
+            l->n_widths++;
+        else
+            place = (int)l->oldest, l->oldest = (place + 1) % N_KEPT;
+        l->widths[place] = h;
+        l->cost += COST_OF_MATRICES;
+    }
+    if (memcmp(e->kept_of, l->linear, sizeof l->linear)) {
+        memcpy(e->kept_of, l->linear, sizeof l->linear);
+        for (int i = 0; i < N_KEPT; i++) e->kept[i].h = 0;
+    }
+    if (e->kept[place].h != l->widths[place]) make_propagator(l->linear, l->widths[place], e->kept + place);
+    return e->kept + place;
 }
 
 /* Return the norm of a change over the tolerance. */
@@ -137,7 +150,7 @@ static void differences(engine *e, const propagator *p, const double *f_0, doubl
     for (int i = 0; i < N_NODES; i++) {
         double expected[N_X];
         memcpy(expected, f_0, sizeof expected);
-        apply(e->leaper.linear, change[i], expected);
+        apply(e->now.leaper.linear, change[i], expected);
         for (int r = 0; r < N_X; r++) y[i][r] = e->y_0[r] + change[i][r];
         rates_at(&e->now, e->t_0 + EX_C[i] * p->h, y[i], d[i]);
         for (int r = 0; r < N_X; r++) d[i][r] -= expected[r];
@@ -207,7 +220,7 @@ static double propagated(engine *e, const propagator *p, const double *stale, co
 /* Return whether a leap to `end` on the way to a target may cost less than ordinary steps do. */
 static int is_worth_a_leap(const engine *e, double end, double target)
 {
-    const leaper *l = &e->leaper;
+    const leaper *l = &e->now.leaper;
     double h = end - e->now.t, parts = ceil((target - e->now.t) / h - 1e-6);
     if (l->wait > 0 || !(e->now.has_jumped || l->is_leaping)) return 0;
     return h > 1e-9 * fmax(1, fabs(end)) && 1.5 * COST_OF_LEAP * parts <= l->usual;
@@ -224,7 +237,7 @@ static void settle_leap(leaper *l, double saved)
 /* Step to `target`, or to the next output time before it; return whether that was right and met no event. */
 static int leapt(engine *e, double target)
 {
-    leaper *l = &e->leaper;
+    leaper *l = &e->now.leaper;
     double end = fmin(target, e->output_at), f_0[N_X], y[N_NODES][N_X], stale[N_X * N_X];
     double parts = ceil((end - e->now.t) / e->set.longest * (1 - 1e-9));
     if (parts > 1) end = e->now.t + (end - e->now.t) / parts;
@@ -238,10 +251,10 @@ static int leapt(engine *e, double target)
     for (; !is_right && !is_fresh;) {
         if (!l->is_known) {
             memcpy(l->linear, e->jacobian, sizeof l->linear);
-            l->is_known = is_fresh = 1, l->n_kept = l->oldest = 0;
+            l->is_known = is_fresh = 1, l->n_widths = l->oldest = 0;
         }
         for (int i = 0; i < N_X * N_X; i++) stale[i] = e->jacobian[i] - l->linear[i];
-        is_right = propagated(e, propagator_of(l, h), stale, f_0, y) <= 1;
+        is_right = propagated(e, propagator_of(e, h), stale, f_0, y) <= 1;
         l->cost += COST_OF_LEAP;
         if (!is_right) l->is_known = 0;
     }
@@ -262,9 +275,11 @@ static int leapt(engine *e, double target)
 /* Learn at a tick how many ordinary steps lie between two. */
 static void learn(engine *e)
 {
-    leaper *l = &e->leaper;
+    leaper *l = &e->now.leaper;
     if (!l->has_leapt) l->usual = e->now.n_steps - l->steps_before, l->between = fmax(e->now.t - l->tick_before, 1e-300);
     l->steps_before = e->now.n_steps, l->tick_before = e->now.t;
     l->has_leapt = l->is_leaping = 0;
     if (l->wait > 0) l->wait--;
 }
+
+#endif

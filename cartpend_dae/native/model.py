@@ -15,8 +15,9 @@ from cartpend_dae.memory import N_NOTE
 from cartpend_dae.system import System
 
 # the parts of the engine, in the order in which they are read
-ENGINE = ("engine.h", "methods.c", "events.c", "engine.c")
+ENGINE = ("engine.h", "methods.c", "events.c", "exponential.c", "engine.c")
 SHARED = {"cse": True}  # what stands in several expressions is computed once
+MOST_LEAPING = 12  # so many states at most, where dense matrices of all are cheap
 NEVER = 1e300  # the next tick of a model without clocks [s]
 
 
@@ -25,7 +26,8 @@ class NativeModel:
     """What the engine runs; sizes as in `engine.h`.
 
     `functions` are `model_rates`, `model_slopes`, `model_indicators`, `model_decisions` and `model_ticks`. The last
-    `n_shadow` of the `n_x` states follow conditions, lest a step pass over them.
+    `n_shadow` of the `n_x` states follow conditions, lest a step pass over them. With `is_leaping` steps through the
+    transients that held values start are tried.
     """
 
     functions: tuple[ca.Function, ...]
@@ -37,6 +39,7 @@ class NativeModel:
     n_g: int
     n_shadow: int
     depends_on_time: bool
+    is_leaping: bool
 
     @property
     def n_y(self) -> int:
@@ -78,7 +81,9 @@ def native_model(
     )
     is_timed = bool(expressions) or ca.depends_on(ca.vertcat(s.ode, s.alg), s.time)
     sizes = (s.x.numel() + shadows.numel(), s.z.numel(), memory.numel(), w.numel(), s.p.numel(), indicators.numel())
-    return NativeModel(functions, *sizes, shadows.numel(), is_timed)
+    n_x, n_z, *_ = sizes
+    is_leaping = s.hybrid.pulses.numel() > 0 and n_z == 0 and 0 < n_x <= MOST_LEAPING
+    return NativeModel(functions, *sizes, shadows.numel(), is_timed, is_leaping)
 
 
 def native_outputs(
@@ -158,10 +163,8 @@ def _next_tick(s: System, made: Machine | None) -> ca.SX:
     return ca.if_else(made.memory.note[0] == 0, ca.mmin(ticks), NEVER)
 
 
-def native_source(model: NativeModel, outputs: ca.Function, *, is_leaping: bool, more: str = "") -> str:
+def native_source(model: NativeModel, outputs: ca.Function, more: str = "") -> str:
     """Return the C of a model with the engine and outputs, as one source; `more` stands at its end.
-
-    With `is_leaping` it tries to step through the transients that held values start.
 
     Raises
     ------
@@ -171,10 +174,9 @@ def native_source(model: NativeModel, outputs: ca.Function, *, is_leaping: bool,
     generator = ca.CodeGenerator("model.c")
     for function in (*model.functions, outputs):
         generator.add(function)
-    parts = [part for part in ENGINE if part != "engine.c"] + (["exponential.c"] if is_leaping else []) + ["engine.c"]
     macros = engine_macros(model) + _sizes(outputs)
-    macros += f"#define N_V ({outputs.numel_out(0)})\n#define IS_LEAPING {is_leaping:d}\n"
-    return "\n".join([_unasked(generator.dump()), macros, *map(engine_part, parts), more])
+    macros += f"#define N_V ({outputs.numel_out(0)})\n"
+    return "\n".join([_unasked(generator.dump()), macros, *map(engine_part, ENGINE), more])
 
 
 def _unasked(code: str) -> str:
@@ -192,6 +194,7 @@ def engine_macros(model: NativeModel) -> str:
     """Return the sizes that the engine asks for, as macros."""
     sizes = {name.upper(): getattr(model, name) for name in ("n_x", "n_z", "n_m", "n_w", "n_p", "n_g", "n_shadow")}
     # a model without events is never asked why it stopped, but the engine names the place
+    sizes |= {"IS_LEAPING": int(model.is_leaping)}
     sizes |= {"STOP": max(model.n_m - N_NOTE, 0), "CHATTER": CHATTER, "ROUNDS": ROUNDS}
     return _macros(sizes) + "".join(map(_sizes, model.functions))
 

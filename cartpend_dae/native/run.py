@@ -16,7 +16,6 @@ from cartpend_dae.system import System
 
 METHODS = {"erk": 0.0, "rosenbrock": 1.0}
 MOST_STEPS = 100_000_000
-MOST_LEAPING = 12  # so many states at most, where dense matrices of all are cheap
 STOPPED = 2
 FAILURES = {
     -1: "a rate is not finite",
@@ -126,10 +125,9 @@ def loaded(
         As `native_model` takes them.
     """
     model = native_model(system, made, expressions)
-    is_leaping = system.hybrid.pulses.numel() > 0 and model.n_z == 0 and 0 < model.n_x <= MOST_LEAPING
     more = engine_part("over_grid.c")
     outputs, columns = native_outputs(system, made, expressions)
-    path = compiled_library(lambda: native_source(model, outputs, is_leaping=is_leaping, more=more), system.name)
+    path = compiled_library(lambda: native_source(model, outputs, more), system.name)
     return None if path is None else Engine(model, _opened(path), outputs.numel_out(0), columns)
 
 

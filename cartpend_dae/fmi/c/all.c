@@ -13,6 +13,7 @@
 #include "engine.h"
 #include "engine_methods.c"
 #include "engine_events.c"
+#include "engine_leaps.c"
 #include "engine_run.c"
 #include "engine_end.h"
 #endif

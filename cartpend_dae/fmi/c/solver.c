@@ -26,6 +26,9 @@ static void to_engine(Instance *c) {
     e->set.most_steps = MOST_ENGINE_STEPS;
     e->set.method = METHOD;
     e->now = *now;
+#if IS_LEAPING
+    e->output_at = HUGE_VAL;
+#endif
     e->is_stepped = 0;                   /* the next step begins anew, so that a saved state goes on alike */
 }
 
