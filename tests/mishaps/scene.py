@@ -87,10 +87,8 @@ def run(log: Path, *arguments: object, setup=lambda: None) -> Ended:
 
 def is_a_sentence(found: Ended, code: int, pattern: str) -> bool:
     """Return whether a command ended in one sentence with an exit code."""
-    lines = [line for line in found.stderr.splitlines() if line.strip()]
-    return (
-        found.code == code and "Traceback" not in found.stderr and bool(re.search(pattern, lines[-1] if lines else ""))
-    )
+    said = " ".join(found.stderr.split())  # a console breaks long lines
+    return found.code == code and "Traceback" not in said and bool(re.search(pattern, said))
 
 
 def content(folder: Path) -> dict[str, object]:
