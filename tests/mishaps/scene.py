@@ -1,6 +1,7 @@
 """A small study, commands in processes that can be killed, and what their results are but for the time they took."""
 
 import json
+import logging
 import os
 import re
 import sys
@@ -61,6 +62,7 @@ def begun(log: Path, *arguments: object, setup=lambda: None) -> int:
             file = os.open(log.with_suffix(f".{stream}"), os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
             os.dup2(file, number)
         sys.stdout, sys.stderr = os.fdopen(1, "w", closefd=False), os.fdopen(2, "w", closefd=False)
+        logging.getLogger().handlers.clear()  # those of pytest, which a command of its own process has not
         setup()
         cli.main([str(argument) for argument in arguments])
         code = 0
