@@ -75,8 +75,6 @@ def splits(bench: Workbench, search: Search, *, plan: Plan | None = None) -> tup
         for rival in _rivals(search, step):
             try:
                 fit = _fit_of(bench, search, (*others, rival.insertion), rival)
-                if fit is None:
-                    continue
                 ranking = _ranked(bench, (taken, search.final), ((*others, rival.insertion), fit), plan or _plan(bench))
             except (SolverError, ModelError):
                 continue
@@ -84,12 +82,12 @@ def splits(bench: Workbench, search: Search, *, plan: Plan | None = None) -> tup
     return tuple(found)
 
 
-def _fit_of(bench: Workbench, search: Search, together: tuple[Insertion, ...], rival: Candidate) -> Fit | None:
-    """Fit the model with a rival; None if a few steps show that the runs tell it from the answer."""
+def _fit_of(bench: Workbench, search: Search, together: tuple[Insertion, ...], rival: Candidate) -> Fit:
+    """Fit the model with a rival: roughly, where a few steps show that the runs tell it from the answer already."""
     guess, sd, at = search.final.point | rival.parameters, search.final.weights_sd, (search.bandwidth,)
     first = bench.fit(together, guess, at, sd, patient=False, iterations=EARLY, stride=ROUGH)
     if first.chi2 > APART * search.final.chi2:
-        return None
+        return first
     return bench.fit(together, first.point, at, sd, patient=False)
 
 
