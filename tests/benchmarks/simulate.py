@@ -38,7 +38,7 @@ from cartpend_dae.continuous import without_events  # noqa: E402
 GRID = np.linspace(0.0, hand.STOP, hand.POINTS)
 TOLERANCES = [10.0 ** (-k / 4) for k in range(8, 45)]  # 1e-2 to 1e-11; the absolute one is a hundredth of it
 FRICTION, PERIOD = 6.0, 0.01  # N on the rail, s between two samples of the controller
-REPEATS, LONG = 15, 0.3  # a run longer than this [s] is not repeated
+REPEATS, LONG = 60, 0.3  # a run longer than this [s] is not repeated
 FAR, IN_A_ROW = 100.0, 3  # an error so far off skips a decade; so many tolerances must be right
 PEERS = {"scipy": "with_scipy.py", "rumoca": "with_rumoca.py"}
 

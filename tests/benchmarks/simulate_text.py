@@ -14,7 +14,7 @@ reach from -0.5/s to -3,300/s (the current), so the problem is stiff. 60 s, 6,00
 relative tolerance (the absolute one is a hundredth of it) that keeps the error of all states at all outputs below
 1e-6 in SI units, as the next two tighter ones do; steps of 4 a decade. The reference is `rosenbrock` with 1e-12, from
 which `cvodes` with 1e-12 differs by {doubt:.1g}; the current reaches 37 A. Times are wall times, the fastest of up to
-15 runs in turns; peers run afterwards, three times, with the first tolerance of 2 a decade that is right."""
+60 runs in turns; peers run afterwards, three times, with the first tolerance of 2 a decade that is right."""
 
 WHY = """The engine in C follows what a jump starts, the transient of the current, by steps where friction stops and
 starts, and by one exponential step between two samples of the controller (`cartpend_dae/native/exponential.c`), which
