@@ -72,16 +72,20 @@ OPERATIONS: dict[int, Callable[..., Any]] = {
 }
 
 
-Step = tuple[int, tuple[int, ...], tuple[int, ...], float]
-"""An instruction: its kind, with what, to what; and its number, if it is one."""
+Step = tuple[int, tuple[int, ...], tuple[int, ...], float, int]
+"""An instruction: its kind, with what, to what; its number, if it is one; the row of the result it fills, or -1."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """Instructions of which each output is another value, and which of them each element of the column is."""
+    """Instructions of which each output is another value, and which of them each element of the column is.
+
+    Of `n_values` rows the steps fill the first `n_written`; one more is zero.
+    """
 
     steps: tuple[Step, ...]
     n_values: int
+    n_written: int
     columns: np.ndarray
 
 
@@ -122,7 +126,8 @@ class AllTimes:
         """
         function = self.function
         if function.is_a("SXFunction") and _is_faster(function.n_instructions(), n_times) and self.plan is not None:
-            values = np.zeros((self.plan.n_values, n_times))
+            values = np.empty((self.plan.n_values, n_times))
+            values[self.plan.n_written :] = 0.0
             _run_all(self.plan.steps, arguments, values)
             return values.T, self.plan.columns
         return _one_by_one(function, arguments, n_times), _columns(function)
@@ -164,7 +169,7 @@ def _steps(function: ca.Function) -> Iterator[Step]:
     for k in range(function.n_instructions()):
         kind = function.instruction_id(k)
         number = function.instruction_constant(k) if kind == ca.OP_CONST else 0.0
-        yield kind, tuple(function.instruction_input(k)), tuple(function.instruction_output(k)), number
+        yield kind, tuple(function.instruction_input(k)), tuple(function.instruction_output(k)), number, -1
 
 
 def _columns(function: ca.Function) -> np.ndarray:
@@ -178,23 +183,26 @@ def _columns(function: ca.Function) -> np.ndarray:
 def _plan(function: ca.Function) -> _Plan:
     """Find outputs that are one value: variables that connections made equal, and all that are zero."""
     steps: list[Step] = []
-    value_in: dict[int, int] = {}  # which value stands in a place of the work space
+    value_in: dict[int, int] = {}  # which step made what stands in a place of the work space
     row_of: dict[int, int] = {}
     rows = np.zeros(function.nnz_out(0) + 1, dtype=int)
-    for k, step in enumerate(_steps(function)):
-        kind, read, written, _ = step
+    for step in _steps(function):
+        kind, read, written, *_ = step
         if kind != ca.OP_OUTPUT:
-            value_in[written[0]] = k
+            value_in[written[0]] = len(steps)
             steps.append(step)
             continue
         value = value_in[read[0]]
         if value not in row_of:
-            row_of[value] = len(row_of)
-            steps.append((kind, read, (written[0], row_of[value]), 0.0))
+            row = row_of[value] = len(row_of)
+            if isinstance(OPERATIONS.get(steps[value][0]), np.ufunc):
+                steps[value] = (*steps[value][:4], row)  # computed where it stands in the result
+            else:
+                steps.append((kind, read, (written[0], row), 0.0, -1))
         rows[written[1]] = row_of[value]
     rows[-1] = len(row_of)
     columns = rows[_columns(function)]
-    return _Plan(tuple(steps), int(columns.max(initial=-1)) + 1, columns)
+    return _Plan(tuple(steps), int(columns.max(initial=-1)) + 1, len(row_of), columns)
 
 
 def _run_all(steps: Sequence[Step], arguments: Sequence[np.ndarray], result: np.ndarray) -> None:
@@ -208,13 +216,15 @@ def _run_all(steps: Sequence[Step], arguments: Sequence[np.ndarray], result: np.
 def _run(steps: Sequence[Step], inputs: Sequence[np.ndarray], result: np.ndarray) -> None:
     """Carry out the instructions, and write the rows of the result."""
     work: dict[int, Any] = {}
-    for kind, read, written, number in steps:
+    for kind, read, written, number, row in steps:
         if kind == ca.OP_INPUT:
             work[written[0]] = inputs[read[0]][read[1]]
         elif kind == ca.OP_OUTPUT:
             result[written[1]] = work[read[0]]
         elif kind == ca.OP_CONST:
             work[written[0]] = number
+        elif row >= 0:
+            work[written[0]] = OPERATIONS[kind](*[work[i] for i in read], out=result[row])
         else:
             work[written[0]] = OPERATIONS[kind](*[work[i] for i in read])
 

@@ -30,6 +30,8 @@ class DrivenInputs:
 
 def jumps_of(driven: DrivenInputs, grid: np.ndarray) -> np.ndarray:
     """Return 1 for each interval of the grid (n,) [s] at whose begin an input jumps, else 0; shape (n - 1,)."""
+    if not driven.left.size:
+        return np.zeros(grid.size - 1)
     ends = driven.left + driven.slope * np.diff(grid)
     steps = np.abs(driven.left[:, 1:] - ends[:, :-1])
     scale = np.abs(driven.left).max(axis=1, initial=0.0, keepdims=True)

@@ -80,7 +80,7 @@ def solved(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choice)
     posed = hybrid_problem(begin.system, made, driven, grid)
     problem = posed.problem
     options: dict[str, Any] = {"reltol": choice.rtol, "abstol": choice.atol, "show_eval_warnings": False}
-    if ca.depends_on(ca.vertcat(problem["ode"], problem["alg"]), problem["t"]):
+    if once(begin.system, "is driven by time", posed.key, lambda: _is_driven_by_time(problem)):
         options["max_step_size"] = span / 500  # what time does to a model at rest, a long step would pass over
     whole = Integration(
         begin.system, posed.key, problem, options, grid, begin.x, begin.z, begin.p, posed.stacked, choice.is_compiled
@@ -109,6 +109,10 @@ def solved(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choice)
         f"{system.name}: events of {', '.join(missed)} are passed over even with steps of {options['max_step_size']:g} "
         f"s: a condition changes there and back faster than that. Simulate a shorter time, or let it change slower."
     )
+
+
+def _is_driven_by_time(problem: dict[str, ca.SX]) -> bool:
+    return ca.depends_on(ca.vertcat(problem["ode"], problem["alg"]), problem["t"])
 
 
 def _natively(begin: Begin, driven: DrivenInputs, grid: np.ndarray, choice: Choice) -> Run | None:
@@ -212,7 +216,7 @@ def _variables(
     begin: Begin, run: Run, driven: DrivenInputs, fine: np.ndarray, grid: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the distinct ones of all variables at the output times (n, n_v), and which of them each variable is."""
-    keep = np.searchsorted(fine, grid)
+    keep = slice(None) if fine.size == grid.size else np.searchsorted(fine, grid)
     u = inputs_at(driven, fine)[:, keep]
     x, z = run.x[:, keep], run.z[:, keep]
     memory = None if run.memory is None else run.memory[:, keep]
@@ -224,13 +228,14 @@ def _variables(
 
 
 def _after_jumps(
-    begin: Begin, driven: DrivenInputs, fine: np.ndarray, keep: np.ndarray, at: tuple[np.ndarray, ...]
+    begin: Begin, driven: DrivenInputs, fine: np.ndarray, keep: slice | np.ndarray, at: tuple[np.ndarray, ...]
 ) -> np.ndarray:
     """Solve anew for the algebraic variables where an input has jumped: what is returned holds after the jump."""
     grid, x, z, u, force = at
-    jumped = np.flatnonzero(np.isin(keep, np.flatnonzero(jumps_of(driven, fine))))
-    s = begin.between
-    if not (z.shape[0] and jumped.size):
+    if not z.shape[0]:
+        return z
+    jumped, s = np.flatnonzero(np.append(jumps_of(driven, fine), 0.0)[keep]), begin.between
+    if not jumped.size:
         return z
     known = ca.vertcat(s.time, s.x, s.u, s.frictions.force, s.p)
     settle = ca.rootfinder("settle", "newton", {"x": s.z, "p": known, "g": s.alg}, {"error_on_fail": False})
