@@ -268,10 +268,7 @@ def _check_frictions(begin: Begin, u: np.ndarray, time: float) -> None:
     f, findings = system.frictions, []
     if not f.places:
         return
-    moving = ca.vertcat(system.x, system.z, system.u, system.time)
-    moves = once(system, "moves", None, lambda: ca.which_depends(f.speed, moving, 1, True))
-    arguments = [system.time, system.x, system.z, system.u, system.p, f.force]
-    levels = once(system, "levels", None, lambda: ca.Function("levels", arguments, [f.level_pos, f.level_neg]))
+    moves, levels = once(system, "moves and levels", None, lambda: _moves_and_levels(system))
     point = (begin.x, begin.z, begin.inputs(u), begin.p)
     key = (time, content(*point))
     values = once(system, "levels at the start", key, lambda: levels(time, *point, np.zeros(len(f.places))))
@@ -289,6 +286,14 @@ def _check_frictions(begin: Begin, u: np.ndarray, time: float) -> None:
         ]
     if findings:
         raise ModelError(f"{system.name}: {'; '.join(sorted(findings))}.")
+
+
+def _moves_and_levels(system: System) -> tuple[Sequence[bool], ca.Function]:
+    """Return whether anything can change the speed of each dry friction, and a function of their levels."""
+    f, moving = system.frictions, ca.vertcat(system.x, system.z, system.u, system.time)
+    arguments = [system.time, system.x, system.z, system.u, system.p, f.force]
+    levels = ca.Function("levels", arguments, [f.level_pos, f.level_neg])
+    return ca.which_depends(f.speed, moving, 1, True), levels
 
 
 def _fixed_steps(begin: Begin, driven: DrivenInputs, grid: np.ndarray, step: float) -> Run:

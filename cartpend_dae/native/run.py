@@ -105,7 +105,8 @@ class Engine:
         times = np.ascontiguousarray(grid, dtype=float)
         lowest, largest = np.zeros(model.n_g), np.zeros(model.n_g)
         arrays = [options, first, times, values, jumps, ys, ms, variables, found, lowest, largest]
-        pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in arrays]
+        # by address: `data_as` makes a cycle of references, in which the results of earlier runs would stay
+        pointers = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
         outcome = self.library.run_over_grid(*pointers[:2], ctypes.c_long(n), *pointers[2:])
         if outcome < 0:
             raise RuntimeError(f"{FAILURES[outcome]} at {found[4]:.9g} s")
