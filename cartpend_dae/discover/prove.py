@@ -11,7 +11,7 @@ from cartpend_dae.discover.records import Regime, Search, Setup
 from cartpend_dae.discover.search import search
 from cartpend_dae.discover.split import Split, splits
 from cartpend_dae.discover.store import Store
-from cartpend_dae.discover.workbench import Workbench, assembled, renamed, set_values
+from cartpend_dae.discover.workbench import Workbench, assembled, fine_step, renamed, set_values
 from cartpend_dae.effects import Card, Insertion, Place, catalogue, insert_all, places
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.everyday import quantity
@@ -181,4 +181,5 @@ def _assess(setup: Setup, insertions: tuple[Insertion, ...], fit: Fit, bandwidth
     measured: dict[str, str] = {}
     for insertion in insertions:
         measured |= {new: old for old, new in (insertion.measured | insertion.driven).items()}
-    return assess(system, fit, runs, setup.scores, bandwidth=bandwidth, step=setup.step, measured=measured)
+    step = fine_step(setup) if system.frictions.places and bandwidth == 0.0 else setup.step
+    return assess(system, fit, runs, setup.scores, bandwidth=bandwidth, step=step, measured=measured)

@@ -43,6 +43,9 @@ CLEAN = 2.5
 # alone, those that differ by less than this share of the squares are alike; and what is left then shows no other
 # effect, unless it leaves noise alone
 SHAPE = 0.03
+# so many times what the best of them leaves beyond noise another law may leave and still be alike, and a simpler case
+# of the best one itself
+WORSE, SIMPLER = 4.0, 10.0
 # chi2 of noise alone over the number of residuals: its sd, taken from the raw data, scatters by 4 to 7 percent
 NOISE_ALONE = 1.12
 
@@ -237,7 +240,7 @@ def _ordered(bench: Workbench, judged: list[Candidate], base: Base, rules: Rules
         return judged
     best = good[0]
     assert best.fit is not None
-    alike = [c for c in good if best.gain - c.gain < _margin(c, best) or _is_shapeless(c, good, base)]
+    alike = [c for c in good if best.gain - c.gain < _margin(c, best) or _is_shapeless(c, judged, base)]
     fewest = min(determined(c.fit) for c in alike)
     first = _likeliest(bench, [c for c in alike if determined(c.fit) == fewest], base, rules)
     others = [replace(c, why_not=c.why_not or _second(c, first)) for c in judged if c is not first]
@@ -274,13 +277,18 @@ def _likeliest(bench: Workbench, tied: list[Candidate], base: Base, rules: Rules
     return linear[0] if linear else tied[int(np.argmin(values))]
 
 
-def _is_shapeless(candidate: Candidate, good: list[Candidate], base: Base) -> bool:
+def _is_shapeless(candidate: Candidate, judged: list[Candidate], base: Base) -> bool:
     """Return whether a candidate explains nearly as much as any, and none explains all."""
-    if any(c.fit is not None and not residuals(c.fit).is_passed for c in good):
+    good = [c for c in judged if c.fit is not None and not c.why_not]
+    best = min(good, key=lambda c: c.fit.chi2 if c.fit else np.inf)
+    assert candidate.fit is not None and best.fit is not None
+    if any(not residuals(c.fit).is_passed for c in good if c.fit is not None):
         return False
-    left = [c.fit.chi2 for c in good if c.fit is not None]
-    assert candidate.fit is not None
-    return candidate.fit.chi2 - min(left) < SHAPE * (base.fit.chi2 - min(left))
+    least, noise = best.fit.chi2, best.fit.n_residuals
+    most = SIMPLER if _contains(best, candidate, judged) else WORSE
+    if candidate.fit.chi2 - noise > most * (least - noise):
+        return False
+    return candidate.fit.chi2 - least < SHAPE * (base.fit.chi2 - least)
 
 
 def _second(candidate: Candidate, first: Candidate) -> str:
@@ -292,7 +300,8 @@ def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> 
     """Fit a candidate to the end and say whether it is worth its parameters."""
     together = (*base.taken, candidate.insertion)
     assert candidate.fit is not None
-    fit = bench.fit(together, candidate.fit.point, (rules.screening, 0.0), rules.sd, patient=False)
+    stages = tuple(w for w in rules.stages if w <= rules.screening)
+    fit = bench.fit(together, candidate.fit.point, stages, rules.sd, patient=False)
     parameters = {name: fit.values[name] for name in candidate.insertion.parameter_names}
     gain, t = bic(base.fit) - bic(fit), _white_t(fit, candidate.insertion)
     change = f"falls by {gain:.1f}, less than {MIN_BIC_GAIN:g}" if gain > 0 else f"rises by {-gain:.1f}"
@@ -302,6 +311,7 @@ def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> 
         why = f"with residuals as alike as they are BIC falls by {coloured:.1f} only, less than {MIN_BIC_GAIN:g}"
     if not why and _is_shape_error(base, fit):
         why = "it explains no more than the laws found already may be wrong by, and leaves more than noise"
+    why = why or candidate.insertion.contradiction(fit.values)
     sizes = [e.status == "at-bound" for e in fit.parameters if e.name in candidate.insertion.size_names]
     if sizes and all(sizes):
         why = "its parameter ends on its bound, where it has no effect"

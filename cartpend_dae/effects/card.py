@@ -83,6 +83,8 @@ class Card:
         Of a sensor or an input: units that it may have; all, if empty.
     is_linear
         The motion's equations are linear in all its sizes.
+    peaks
+        {parameter: another one that it is not below}, or the law is not what the effect is called.
     """
 
     id: str
@@ -101,6 +103,7 @@ class Card:
     reads: Mapping[str, str] = field(default_factory=dict)
     units: tuple[str, ...] = ()
     is_linear: bool = True
+    peaks: Mapping[str, str] = field(default_factory=dict)
 
     def starts(self, kind: Kind) -> tuple[dict[str, float], ...]:
         """Return every combination of values of shapes and choices from which to start, by name of the parameter."""

@@ -14,6 +14,9 @@ ARMSTRONG = (
     "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994), 1083, 10.1016/0005-1098(94)90209-7"
 )
 WS = shape("w_s", (0.1, 1.0), ("v_s", (0.005, 0.05)))
+# a peak at rest alone: a wide band would be another Stribeck curve
+BAND = shape("w_s", (0.02,), ("v_s", (0.001,)), upper=0.1)
+AT_REST = {"tau_s": "tau_c", "f_s": "f_c"}
 PHI_S = shape("phi_s", (0.005, 0.05), ("s_s", (0.001, 0.01)))
 
 
@@ -64,13 +67,14 @@ def friction_cards() -> tuple[Card, ...]:
             regressors=("sign v", "v", "t"),
             excited_by="slow ramps through zero speed beside fast motion",
             source=f"R. Stribeck, Z. VDI 46 (1902), 1341-1348; {ARMSTRONG}",
+            peaks=AT_REST,
         ),
         Card(
             id="breakaway_friction",
             summary="dry friction that is larger at rest than while sliding",
             insertion="parallel",
             components={R: rotational_losses.BreakawayFriction, T: translational_losses.BreakawayFriction},
-            parameters=(level("tau_c", "f_c"), level("tau_s", "f_s"), WS),
+            parameters=(level("tau_c", "f_c"), level("tau_s", "f_s"), BAND),
             dissipative=True,
             nested_in=(),
             equivalent_to={
@@ -79,6 +83,7 @@ def friction_cards() -> tuple[Card, ...]:
             regressors=("sign v",),
             excited_by="starts from rest under a slowly growing drive",
             source="D. Karnopp, J. Dyn. Syst. Meas. Control 107 (1985), 100-103, 10.1115/1.3140698",
+            peaks=AT_REST,
         ),
         Card(
             id="asymmetric_friction",
@@ -156,6 +161,7 @@ def friction_cards() -> tuple[Card, ...]:
             excited_by="small reversals around rest, and slow ramps through zero speed",
             source="C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky, IEEE Trans. Autom. Control 40 (1995), "
             "419-425, 10.1109/9.376053",
+            peaks=AT_REST,
         ),
         Card(
             id="maxwell_slip_friction",

@@ -61,6 +61,16 @@ class Insertion:
         pairs = zip(self.parameter_names, self.parameters, strict=True)
         return tuple(name for name, item in pairs if item.role == "size")
 
+    def contradiction(self, values: Mapping[str, float]) -> str:
+        """Say why fitted values, by dotted name, are not those of the effect; empty where they are."""
+        for peak, level in self.card.peaks.items():
+            high, low = values.get(f"{self.prefix}.{peak}"), values.get(f"{self.prefix}.{level}")
+            if high is not None and low is not None and high < low:
+                return (
+                    f"its `{peak}` of {high:.3g} ends below its `{level}` of {low:.3g}, so that nothing peaks at rest"
+                )
+        return ""
+
     @property
     def starts(self) -> dict[str, float]:
         """The values from which an estimation begins, by dotted name."""
