@@ -164,6 +164,7 @@ def discover_study(
     stages: Path | None = None,
     placebo: int = 0,
     power: int = 0,
+    beyond: bool = True,
 ) -> Discovery:
     """Find what the model of a study lacks, add it, refit, and measure the error before and after.
 
@@ -179,6 +180,8 @@ def discover_study(
         Folder in which finished stages are kept; what is there already of the same study is not done again.
     placebo, power
         How often the search is repeated on data made from its outcome; see `discover.rates`.
+    beyond
+        False leaves out what follows the search: closures for what is left, and experiments that split rivals.
     """
     opened = study if isinstance(study, Opened) else open_study(study)
     return discover(
@@ -192,6 +195,7 @@ def discover_study(
         store=None if stages is None else store_for(opened.setup, stages, further_of(opened)),
         placebo=placebo,
         power=power,
+        beyond=beyond,
     )
 
 

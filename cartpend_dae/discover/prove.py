@@ -70,6 +70,7 @@ def discover(
     store: Store | None = None,
     placebo: int = 0,
     power: int = 0,
+    beyond: bool = True,
 ) -> Discovery:
     """Find what a model lacks, add it, refit, and measure the error before and after.
 
@@ -94,6 +95,8 @@ def discover(
     placebo, power
         How often the search is repeated on data made from its outcome: with nothing missing, and for each accepted
         effect without it; see `rates`.
+    beyond
+        False leaves out what follows the search: closures for what is left, and experiments that split rivals.
 
     Raises
     ------
@@ -104,7 +107,7 @@ def discover(
     bench = Workbench(setup, report, jobs=jobs, store=store or Store())
     outcome = search(bench, cards, _places(setup, cards, only_at), max_steps=max_steps, regime=regime)
     found = Beyond(None, (), ())
-    if not outcome.interrupted:
+    if beyond and not outcome.interrupted:
         try:
             found = _beyond(bench, outcome, cards, only_at, regime, placebo, power)
         except KeyboardInterrupt:

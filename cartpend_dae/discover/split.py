@@ -30,6 +30,8 @@ CLEAR = 20.0
 # largest inputs and releases over those of the runs
 FARTHER = 2.0
 DURATION, MOST_SAMPLES = 10.0, 2000
+# so many rivals of an effect, the closest ones, are compared with it: experiments are simulated for each
+MOST_RIVALS = 3
 # after so many steps of a rough fit of a rival, so many times the chi^2 of the answer: the runs tell them apart
 EARLY, APART = 5, 4.0
 
@@ -92,15 +94,16 @@ def _fit_of(bench: Workbench, search: Search, together: tuple[Insertion, ...], r
 
 
 def _rivals(search: Search, step: Step) -> list[Candidate]:
-    """Return the candidates that an accepted effect cannot be told from, apart from places that move alike."""
+    """Return the closest candidates that an accepted effect cannot be told from, apart from places that move alike."""
     names = set(step.aliases)
-    return [
+    found = [
         c
         for c in search.candidates
         if f"{c.insertion.card.id} at {c.insertion.place.at}" in names
         and c.insertion.prefix != step.candidate.insertion.prefix
         and c.parameters
     ]
+    return sorted(found, key=lambda c: (-c.gain, -c.predicted))[:MOST_RIVALS]
 
 
 def _plan(bench: Workbench) -> Plan:

@@ -16,14 +16,14 @@ def elastic_cards() -> tuple[Card, ...]:
     return (
         Card(
             id="linear_stiffness",
-            summary="a spring force proportional to the displacement",
+            summary="a spring force proportional to the displacement from its rest position",
             insertion="parallel",
             components={R: rotational.LinearStiffness, T: translational.LinearStiffness},
-            parameters=(size("c"),),
+            parameters=(size("c"), size("tau_0", "f_0")),
             dissipative=False,
             nested_in=("bearing_torsion", "cable_drag"),
             equivalent_to={"imbalance": "small angles: weight off the axis is a torsion spring"},
-            regressors=("x",),
+            regressors=("x", "1"),
             excited_by="slow motion over the whole range",
             source="R. Hooke, De potentia restitutiva (1678)",
         ),

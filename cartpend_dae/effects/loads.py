@@ -14,7 +14,7 @@ def load_cards() -> tuple[Card, ...]:
             components={R: rotational.ConstantLoad, T: translational.ConstantLoad},
             parameters=(size("tau_0", "f_0"),),
             dissipative=False,
-            nested_in=(),
+            nested_in=("linear_stiffness",),
             equivalent_to={
                 "input_offset": "an actuator without dynamics whose current is not measured, at the same motion",
                 "sensor_offset": "small amplitude about a rest position, with a free start",

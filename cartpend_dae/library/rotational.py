@@ -334,10 +334,11 @@ class CubicStiffness(Compliant):
 
 
 class LinearStiffness(Compliant):
-    """Linear stiffness, tau = c phi_rel; negative weakens a spring beside it."""
+    """Linear stiffness, tau = c phi_rel - tau_0, at rest at tau_0/c; negative weakens a spring beside it."""
 
     c: Param = param(unit="N.m/rad", default=0.0, doc="stiffness")
+    tau_0: Param = param(unit="N.m", default=0.0, doc="preload, towards larger phi_rel")
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.tau == self.c * self.phi_rel
+        yield self.tau == self.c * self.phi_rel - self.tau_0

@@ -277,10 +277,11 @@ class CubicStiffness(Compliant):
 
 
 class LinearStiffness(Compliant):
-    """Linear stiffness, f = c s_rel; negative weakens a spring beside it."""
+    """Linear stiffness, f = c s_rel - f_0, at rest at f_0/c; negative weakens a spring beside it."""
 
     c: Param = param(unit="N/m", default=0.0, doc="stiffness")
+    f_0: Param = param(unit="N", default=0.0, doc="preload, towards larger s_rel")
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.f == self.c * self.s_rel
+        yield self.f == self.c * self.s_rel - self.f_0

@@ -65,7 +65,7 @@ def _interrupt(signal_number: int, frame: Any) -> None:
 
 
 def discover(study: Path, timeout: float) -> tuple[dict[str, Any] | None, str]:
-    """Run the tool as its command does, without the figures; return its result, or why there is none."""
+    """Run the tool as its command does, without the figures and what is not scored; return its result, or why not."""
     from cartpend_dae.report.result import discovery_result
     from cartpend_dae.session import discover_study, open_study
 
@@ -73,7 +73,7 @@ def discover(study: Path, timeout: float) -> tuple[dict[str, Any] | None, str]:
     signal.setitimer(signal.ITIMER_PROF, timeout, AGAIN)
     try:
         opened = open_study(study)
-        found = discovery_result(opened, discover_study(opened), time.monotonic() - begin)
+        found = discovery_result(opened, discover_study(opened, beyond=False), time.monotonic() - begin)
     except TooLongError:
         return None, f"no result after {timeout:g} s of processor time"
     except Exception as error:  # whatever ends the command is a failure of the tool
