@@ -228,7 +228,7 @@ def _fit_base(bench: Workbench, taken: tuple[Insertion, ...], guess: Mapping[str
     fits: dict[float, Fit] = {}
     point = dict(guess)
     for bandwidth in rules.stages:
-        fits[bandwidth] = bench.fit(taken, point, (bandwidth,), rules.sd)
+        fits[bandwidth] = bench.fit(taken, point, (bandwidth,), rules.sd, patient=not taken)
         point = fits[bandwidth].point
     return Base(taken, fits)
 
@@ -243,7 +243,7 @@ def _base_of(bench: Workbench, before: Base, taken: tuple[Insertion, ...], winne
         weighed = weigh(bench, together, rules.loads, point, bandwidth, rules.sd)
         return Base(together, {bandwidth: winner.fit}, before.bare, weighed)
     stages = [w for w in rules.stages if 0 < w <= rules.screening]
-    fits = {w: bench.fit(together, winner.fit.point, (w,), rules.sd) for w in stages}
+    fits = {w: bench.fit(together, winner.fit.point, (w,), rules.sd, patient=False) for w in stages}
     return Base(together, {**fits, 0.0: winner.fit}, before.bare)
 
 

@@ -242,9 +242,16 @@ def _ordered(bench: Workbench, judged: list[Candidate], base: Base, rules: Rules
     assert best.fit is not None
     alike = [c for c in good if best.gain - c.gain < _margin(c, best) or _is_shapeless(c, judged, base)]
     fewest = min(determined(c.fit) for c in alike)
-    first = _likeliest(bench, [c for c in alike if determined(c.fit) == fewest], base, rules)
+    first = _likeliest(bench, _plainest([c for c in alike if determined(c.fit) == fewest]), base, rules)
     others = [replace(c, why_not=c.why_not or _second(c, first)) for c in judged if c is not first]
     return [first, *others]
+
+
+def _plainest(tied: list[Candidate]) -> list[Candidate]:
+    """Leave out laws of more parameters, some of which end on their bounds, that explain no more than one of fewer."""
+    least = min(len(c.insertion.parameter_names) for c in tied)
+    plain = max(c.gain for c in tied if len(c.insertion.parameter_names) == least)
+    return [c for c in tied if len(c.insertion.parameter_names) == least or c.gain > plain + NEAR]
 
 
 def _margin(candidate: Candidate, best: Candidate) -> float:
@@ -300,8 +307,9 @@ def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> 
     """Fit a candidate to the end and say whether it is worth its parameters."""
     together = (*base.taken, candidate.insertion)
     assert candidate.fit is not None
-    stages = tuple(w for w in rules.stages if w <= rules.screening)
-    fit = bench.fit(together, candidate.fit.point, stages, rules.sd, patient=False)
+    followed = tuple(w for w in rules.stages if 0 < w <= rules.screening)
+    near = bench.fit(together, candidate.fit.point, followed, rules.sd, patient=False, iterations=EARLY)
+    fit = bench.fit(together, near.point, (0.0,), rules.sd, patient=False)
     parameters = {name: fit.values[name] for name in candidate.insertion.parameter_names}
     gain, t = bic(base.fit) - bic(fit), _white_t(fit, candidate.insertion)
     change = f"falls by {gain:.1f}, less than {MIN_BIC_GAIN:g}" if gain > 0 else f"rises by {-gain:.1f}"

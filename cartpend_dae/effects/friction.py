@@ -1,6 +1,6 @@
 """Friction that a joint can have."""
 
-from cartpend_dae.effects.card import Card, R, T, level, shape, size
+from cartpend_dae.effects.card import Card, R, T, choice, level, shape, size
 from cartpend_dae.library import (
     rotational,
     rotational_links,
@@ -15,7 +15,7 @@ ARMSTRONG = (
 )
 WS = shape("w_s", (0.1, 1.0), ("v_s", (0.005, 0.05)))
 # a peak at rest alone: a wide band would be another Stribeck curve
-BAND = shape("w_s", (0.02,), ("v_s", (0.001,)), upper=0.1)
+BAND = choice("w_s", (0.02,), ("v_s", (0.001,)))
 AT_REST = {"tau_s": "tau_c", "f_s": "f_c"}
 PHI_S = shape("phi_s", (0.005, 0.05), ("s_s", (0.001, 0.01)))
 
