@@ -307,8 +307,9 @@ def _substeps(problem: Problem) -> int:
     system = problem.system
     widths = np.concatenate([np.diff(experiment.time) for experiment in problem.experiments])
     width = float(np.median(widths))
-    if problem.step is not None:
-        return max(1, int(np.ceil(width / problem.step - 1e-9)))
+    least = 1 if problem.step is None else max(1, int(np.ceil(width / problem.step - 1e-9)))
+    if problem.step is not None and problem.stride is None:
+        return least
     slope = ca.jacobian(system.ode, system.x)
     if system.algebraics:
         slope -= ca.jacobian(system.ode, system.z) @ ca.solve(
@@ -322,7 +323,7 @@ def _substeps(problem: Problem) -> int:
     value = np.asarray(jacobian(start.time, x, z, start.u, p, np.zeros(system.frictions.force.numel())))
     fastest = float(np.abs(np.linalg.eigvals(value)).max(initial=0.0)) if value.size else 0.0
     limit = problem.stride or (0.03 if system.frictions.places else 0.25)
-    return int(np.clip(np.ceil(width * fastest / limit), 1, 100))
+    return int(np.clip(np.ceil(width * fastest / limit), least, max(least, 100)))
 
 
 def dominant_frequency(experiments: tuple[Experiment, ...]) -> float:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cartpend_dae.discover.choice import NEAR, are_parallel, step_of
 from cartpend_dae.discover.disturbed import ALIKE, fitted, penalty
 from cartpend_dae.discover.evidence import bic, with_robust_sd
 from cartpend_dae.discover.gate import residuals
@@ -12,16 +13,8 @@ from cartpend_dae.discover.predicted import MIN_SHARE, explained
 from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdict
 from cartpend_dae.discover.regime import best_bandwidth
 from cartpend_dae.discover.screen import candidates, is_other_law, screen
-from cartpend_dae.discover.trial import (
-    MIN_BIC_GAIN,
-    NEAR,
-    Base,
-    Rules,
-    are_parallel,
-    is_nearly_all,
-    step_of,
-    try_all,
-)
+from cartpend_dae.discover.state import Base, Rules
+from cartpend_dae.discover.trial import MIN_BIC_GAIN, is_nearly_all, try_all
 from cartpend_dae.discover.weigh import loads_at, weigh
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place

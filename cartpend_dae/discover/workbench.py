@@ -105,7 +105,7 @@ class Workbench:
         free = self._free(system, insertions, scales)
         problem = self._problem(system, free, renamed(experiments, insertions), self.setup.step)
         if stride == "fine":
-            return replace(problem, step=fine_step(self.setup))
+            return replace(problem, step=fine_step(self.setup), stride=ROUGH)
         return problem if stride is None else replace(problem, step=None, stride=stride)
 
     def with_weights(
@@ -178,7 +178,7 @@ class Workbench:
     ) -> Fit:
         """Fit along decreasing output injection, each stage from the last; `patient` as of `estimate`.
 
-        What is fitted to the free simulation is fitted once more on fine steps, where dry friction needs them.
+        What is fitted to the free simulation is fitted on fine steps, where dry friction needs them.
         """
         scales = self.scales_of(insertions, stride)
         label = " + ".join(insertion.prefix for insertion in insertions) or "baseline"
@@ -186,19 +186,17 @@ class Workbench:
         most = iterations or self.setup.max_iterations or ITERATIONS
         fit: Fit | None = None
         for bandwidth in bandwidths:
-            options = (bandwidth, point, sd, patient, most, stride)
+            is_fine = bandwidth == 0.0 and stride is None and self._needs_fine_steps(insertions)
+            options = (bandwidth, point, sd, patient, most, "fine" if is_fine else stride)
             depends = _key(insertions), scales, options
             fit = self.store.recall("fit", depends, lambda o=options: self._fit(insertions, *o))
             self.report(f"fit at {bandwidth:.3g} rad/s", label, float(np.sqrt(fit.chi2 / fit.n_residuals)))
             point = fit.point
         assert fit is not None
-        if bandwidths[-1] == 0.0 and stride is None and self._needs_fine_steps(insertions):
-            return self.fit(insertions, point, (0.0,), sd, patient=patient, iterations=iterations, stride="fine")
         return fit
 
     def _needs_fine_steps(self, insertions: tuple[Insertion, ...]) -> bool:
-        problem = self.problem(insertions)
-        return problem.has_events and self.setup.step is None and problem.layout.substeps < FINEST
+        return self.setup.step is None and self.problem(insertions).has_events
 
     def _fit(
         self,

@@ -1,0 +1,154 @@
+"""Which of several effects that were fitted to take, and what the data cannot tell from it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from cartpend_dae.discover.disturbed import ALIKE as ALIKE_WEIGHED
+from cartpend_dae.discover.disturbed import fitted
+from cartpend_dae.discover.evidence import determined
+from cartpend_dae.discover.gate import residuals
+from cartpend_dae.discover.records import Candidate, Gate, Step
+from cartpend_dae.discover.state import Base, Rules
+from cartpend_dae.discover.workbench import Workbench
+
+# models whose criterion differs by less than this, or this share of chi2, explain the data alike: the smaller is taken
+ALIKE, ALIKE_SHARE, ALIKE_WHITE = 10.0, 0.01, 0.05
+# responses with a larger cosine move the data alike
+PARALLEL, SAME = 0.95, 0.999
+# differences of BIC
+NEAR, FAR_BEHIND = 3.0, 100.0
+# what a law that is linear in the motion depends on
+LINEAR = {"1", "x", "v", "a"}
+# laws are right to some percent, and so much of what they explain may be left by their shape: where none leaves noise
+# alone, those that differ by less than this share of the squares are alike; and what is left then shows no other
+# effect, unless it leaves noise alone
+SHAPE = 0.03
+# so many times what the best of them leaves beyond noise another law may leave and still be alike, and a simpler case
+# of the best one itself
+WORSE, SIMPLER = 4.0, 10.0
+
+
+def ordered_by_bic(bench: Workbench, judged: list[Candidate], base: Base, rules: Rules) -> list[Candidate]:
+    """Put the one to take first: of those that explain the data alike, the one with the fewest parameters."""
+    judged = sorted(judged, key=lambda c: (bool(c.why_not), -c.gain))
+    good = [c for c in judged if not c.why_not]
+    if not good:
+        return judged
+    best = good[0]
+    assert best.fit is not None
+    alike = [c for c in good if best.gain - c.gain < _margin(c, best) or _is_shapeless(c, judged, base)]
+    fewest = min(determined(c.fit) for c in alike)
+    first = _likeliest(bench, _plainest([c for c in alike if determined(c.fit) == fewest]), base, rules)
+    others = [replace(c, why_not=c.why_not or second(c, first)) for c in judged if c is not first]
+    return [first, *others]
+
+
+def _plainest(tied: list[Candidate]) -> list[Candidate]:
+    """Leave out laws of more parameters, some of which end on their bounds, that explain no more than one of fewer."""
+    least = min(len(c.insertion.parameter_names) for c in tied)
+    plain = max(c.gain for c in tied if len(c.insertion.parameter_names) == least)
+    return [c for c in tied if len(c.insertion.parameter_names) == least or c.gain > plain + NEAR]
+
+
+def _margin(candidate: Candidate, best: Candidate) -> float:
+    """Return by how much the criterion of a candidate may be behind and still count as alike.
+
+    One that leaves nothing but noise may be further behind: what is missing is then a matter of the law's exact shape.
+    """
+    assert candidate.fit is not None and best.fit is not None
+    share = ALIKE_SHARE if residuals(candidate.fit).is_passed else ALIKE_WHITE
+    return max(ALIKE, share * best.fit.chi2)
+
+
+def _likeliest(bench: Workbench, tied: list[Candidate], base: Base, rules: Rules) -> Candidate:
+    """Return the best of those as simple as each other; against random forces, where none leaves noise alone.
+
+    There a law that is linear in the motion is simpler than one that is not.
+    """
+    leaves_noise = any(c.fit is not None and not residuals(c.fit).is_passed for c in tied)
+    if len(tied) == 1 or leaves_noise:
+        return max(tied, key=lambda c: c.gain)
+
+    def criterion(candidate: Candidate) -> float:
+        assert candidate.fit is not None
+        together = (*base.taken, candidate.insertion)
+        return fitted(bench, together, rules.loads, candidate.fit.point, rules.screening, rules.sd)[1].criterion
+
+    values = [criterion(candidate) for candidate in tied]
+    near = [c for c, value in zip(tied, values, strict=True) if value < min(values) + ALIKE_WEIGHED]
+    linear = [c for c in near if set(c.insertion.card.regressors) <= LINEAR]
+    return linear[0] if linear else tied[int(np.argmin(values))]
+
+
+def _is_shapeless(candidate: Candidate, judged: list[Candidate], base: Base) -> bool:
+    """Return whether a candidate explains nearly as much as any, and none explains all."""
+    good = [c for c in judged if c.fit is not None and not c.why_not]
+    best = min(good, key=lambda c: c.fit.chi2 if c.fit else np.inf)
+    assert candidate.fit is not None and best.fit is not None
+    if any(not residuals(c.fit).is_passed for c in good if c.fit is not None):
+        return False
+    least, noise = best.fit.chi2, best.fit.n_residuals
+    most = SIMPLER if _contains(best, candidate, judged) else WORSE
+    if candidate.fit.chi2 - noise > most * (least - noise):
+        return False
+    return candidate.fit.chi2 - least < SHAPE * (base.fit.chi2 - least)
+
+
+def second(candidate: Candidate, first: Candidate) -> str:
+    """Say why another effect is taken."""
+    explains = "explains as much with fewer parameters" if candidate.gain > first.gain else "explains more"
+    return f"`{first.insertion.prefix}` {explains}"
+
+
+def step_of(winner: Candidate, gate: Gate, ranked: list[Candidate]) -> Step:
+    """Return an accepted addition with what the data cannot tell from it.
+
+    Those are places that move alike, effects as good, and effects that act alike; apart from them, laws that contain
+    the winner, which explain no more by their further parameters.
+    """
+    alike = [other for other in ranked if _is_alike(winner, other)]
+    richer = [other for other in alike if _contains(other, winner, ranked)]
+    same = [f"{winner.insertion.card.id} at {place}" for place in winner.insertion.place.same_motion]
+    rivals = [_named(other) for other in alike if other not in richer]
+    return Step(winner, gate, (*same, *rivals), tuple(_named(other) for other in richer))
+
+
+def _named(candidate: Candidate) -> str:
+    return f"{candidate.insertion.card.id} at {candidate.insertion.place.at}"
+
+
+def _is_alike(winner: Candidate, other: Candidate) -> bool:
+    """Return whether an effect explains as much, or was predicted to move the data alike and not seen to do worse.
+
+    It explains as much where its criterion is within NEAR; it does worse where its last fit or, without one, its first
+    is clearly behind.
+    """
+    if other.insertion.prefix == winner.insertion.prefix:
+        return False
+    is_fitted = other.fit is not None and other.gain != 0.0
+    if is_fitted and abs(winner.gain - other.gain) < NEAR:
+        return True
+    is_worse = is_fitted and winner.gain - other.gain > FAR_BEHIND
+    if other.early is not None and winner.early is not None:
+        is_worse |= other.early - winner.early > FAR_BEHIND
+    return are_parallel(winner, other) and not is_worse
+
+
+def _contains(rich: Candidate, simple: Candidate, ranked: list[Candidate]) -> bool:
+    """Return whether a law at a place contains another one at the same place, be it by a law in between."""
+    cards = {c.insertion.card.id: c.insertion.card for c in ranked} | {simple.insertion.card.id: simple.insertion.card}
+    known, new = set[str](), {simple.insertion.card.id}
+    while new:
+        known |= new
+        new = {above for card in new if card in cards for above in cards[card].nested_in} - known
+    return rich.insertion.place.at == simple.insertion.place.at and rich.insertion.card.id in known
+
+
+def are_parallel(one: Candidate, other: Candidate, cosine: float = PARALLEL) -> bool:
+    """Return whether two candidates are one, or were predicted to move the residuals in one direction."""
+    if one.insertion.prefix == other.insertion.prefix:
+        return True
+    if one.response is None or other.response is None or one.response.size != other.response.size:
+        return False
+    return abs(float(one.response @ other.response)) > cosine

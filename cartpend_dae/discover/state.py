@@ -1,0 +1,42 @@
+"""The model so far, and how the regime fits and decides."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cartpend_dae.discover.records import Regime
+from cartpend_dae.discover.weigh import Weighed
+from cartpend_dae.effects import Insertion
+from cartpend_dae.identify import Fit
+
+
+@dataclass(frozen=True, slots=True)
+class Base:
+    """The model so far: its fits by bandwidth, the last of which decides; `bare` is chi2 without any additions.
+
+    In the regime of random forces its last fit is `weighed` against them.
+    """
+
+    taken: tuple[Insertion, ...]
+    fits: dict[float, Fit]
+    bare: float = 0.0
+    weighed: Weighed | None = None
+
+    @property
+    def fit(self) -> Fit:
+        """The last fit."""
+        return list(self.fits.values())[-1]
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """How the regime fits and decides: `stages` of the base, the stage of screening, weights.
+
+    Random forces may act as the `loads` do.
+    """
+
+    regime: Regime
+    stages: tuple[float, ...]
+    screening: float
+    sd: np.ndarray
+    loads: tuple[Insertion, ...] = ()
