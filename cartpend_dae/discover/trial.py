@@ -35,6 +35,8 @@ BEHIND, LITTLE = 10.0, 0.1
 MIN_BIC_GAIN = 20.0
 # von Neumann's z of what is noise beyond doubt: below the largest of 90 data sets with nothing missing
 CLEAN = 2.5
+# what explains less than this share of what the additions before do is their shape, even if it leaves noise alone
+TOUCH = 0.01
 # chi2 of noise alone over the number of residuals: its sd, taken from the raw data, scatters by 4 to 7 percent
 NOISE_ALONE = 1.12
 
@@ -153,7 +155,10 @@ def _enough(bench: Workbench, base: Base, rules: Rules, new: list[Candidate]) ->
     if best is None or best.fit is None or not _leaves_noise(best):
         return None
     together = (*base.taken, best.insertion)
-    last = bench.fit(together, best.fit.point, (rules.screening, 0.0), rules.sd, patient=False)
+    try:
+        last = bench.fit(together, best.fit.point, (rules.screening, 0.0), rules.sd, patient=False)
+    except SolverError:  # without injection it diverges
+        return None
     is_all = residuals(last).largest < CLEAN and last.chi2 < NOISE_ALONE * last.n_residuals
     return best if is_all else None
 
@@ -233,9 +238,10 @@ def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> 
 
 def _is_shape_error(base: Base, fit: Fit) -> bool:
     """Return whether an addition could be what the laws before it are wrong by."""
-    if not base.taken or base.fit.chi2 - fit.chi2 > SHAPE * (base.bare - base.fit.chi2):
+    share = (base.fit.chi2 - fit.chi2) / max(base.bare - base.fit.chi2, 1e-300)
+    if not base.taken or share > SHAPE:
         return False
-    return residuals(fit).is_passed or fit.chi2 > NOISE_ALONE * fit.n_residuals
+    return share < TOUCH or residuals(fit).is_passed or fit.chi2 > NOISE_ALONE * fit.n_residuals
 
 
 def is_nearly_all(base: Base) -> bool:
