@@ -268,14 +268,15 @@ def bounded_step(hessian: np.ndarray, pull: np.ndarray, lower: np.ndarray, upper
     """Minimise d'H d/2 + pull'd with lower <= d <= upper; directions without curvature are left alone."""
     if not pull.size:
         return pull
-    size = np.sqrt(np.clip(np.diag(hessian), 1e-300, None))
+    curved = np.diag(hessian) > 1e-300
+    size = np.where(curved, np.sqrt(np.clip(np.diag(hessian), 1e-300, None)), 1.0)
     eigenvalues, vectors = np.linalg.eigh(hessian / np.outer(size, size))
     good = eigenvalues > FLAT * max(1.0, eigenvalues.max())
     root, vectors = np.sqrt(eigenvalues[good]), vectors[:, good]
-    scaled = -(vectors / root) @ ((vectors / root).T @ (pull / size))
+    scaled = np.where(curved, -(vectors / root) @ ((vectors / root).T @ (pull / size)), 0.0)
     if np.all(scaled >= lower * size) and np.all(scaled <= upper * size):
         return scaled / size
-    is_open = upper > lower
+    is_open = (upper > lower) & curved
     matrix, target = (root[:, None] * vectors.T)[:, is_open], -(vectors / root).T @ (pull / size)
     found = np.zeros(pull.size)
     bounds = (lower * size)[is_open], (upper * size)[is_open]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from linear_runs import stuck_pendulum
 
-from cartpend_dae.gauss_newton import gauss_newton, interior_point
+from cartpend_dae.gauss_newton import bounded_step, gauss_newton, interior_point
 from cartpend_dae.shooting import filtered_nodes, scaled_values
 from cartpend_dae.transcribe import stack_data
 
@@ -35,3 +35,13 @@ def test_a_parameter_that_would_leave_its_bounds_ends_on_them():
     assert own.success
     assert own.values[0] == free.scaled(0.012)
     np.testing.assert_allclose(own.values, other.values, rtol=1e-4)
+
+
+def test_a_parameter_without_any_effect_stays_where_it_is():
+    hessian = np.zeros((3, 3))
+    hessian[:2, :2] = [[2.0, 0.5], [0.5, 1.0]]
+    pull, none = np.array([-4.0, 1.0, 0.0]), np.full(3, np.inf)
+    for lower, upper in ((-none, none), (np.array([-1.0, -1.0, 0.0]), np.array([1.0, 1.0, np.inf]))):
+        step = bounded_step(hessian, pull, lower, upper)
+        assert step[2] == 0.0
+        assert np.all(np.abs(step) < 10)
