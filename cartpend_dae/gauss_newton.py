@@ -25,6 +25,8 @@ DONE, ENOUGH = 1e-6, 1e-4
 # of the whole cost: rounding, below which nothing can be promised
 ROUNDING = 1e-12
 ITERATIONS, HALVINGS = 50, 10
+# a parameter whose curvature is this share of the largest has no effect: its sensitivity is rounding
+NOTHING = 1e-26
 ARMIJO = 1e-4
 # curvature relative to the largest below which a direction is left where it is
 FLAT = 1e-13
@@ -268,7 +270,7 @@ def bounded_step(hessian: np.ndarray, pull: np.ndarray, lower: np.ndarray, upper
     """Minimise d'H d/2 + pull'd with lower <= d <= upper; directions without curvature are left alone."""
     if not pull.size:
         return pull
-    curved = np.diag(hessian) > 1e-300
+    curved = np.diag(hessian) > NOTHING * np.diag(hessian).max()  # of scaled parameters
     size = np.where(curved, np.sqrt(np.clip(np.diag(hessian), 1e-300, None)), 1.0)
     eigenvalues, vectors = np.linalg.eigh(hessian / np.outer(size, size))
     good = eigenvalues > FLAT * max(1.0, eigenvalues.max())

@@ -40,7 +40,8 @@ def test_a_parameter_that_would_leave_its_bounds_ends_on_them():
 def test_a_parameter_without_any_effect_stays_where_it_is():
     hessian = np.zeros((3, 3))
     hessian[:2, :2] = [[2.0, 0.5], [0.5, 1.0]]
-    pull, none = np.array([-4.0, 1.0, 0.0]), np.full(3, np.inf)
+    hessian[2, 2] = 1e-290  # what rounding leaves of a sensitivity
+    pull, none = np.array([-4.0, 1.0, 1e-145]), np.full(3, np.inf)
     for lower, upper in ((-none, none), (np.array([-1.0, -1.0, 0.0]), np.array([1.0, 1.0, np.inf]))):
         step = bounded_step(hessian, pull, lower, upper)
         assert step[2] == 0.0
