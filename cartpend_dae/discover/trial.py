@@ -86,8 +86,8 @@ def _is_richer(candidate: Candidate, other: Candidate) -> bool:
 def _screened_where_it_shows(
     bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
 ) -> tuple[float, list[Candidate]]:
-    """Screen with the injection of the stage of screening, or with less where that hides what is missing."""
-    stages = sorted((w for w in base.fits if 0 < w <= rules.screening), reverse=True)
+    """Screen with the injection of the stage of screening, or with less, or none, where that hides what is missing."""
+    stages = sorted((w for w in base.fits if w <= rules.screening), reverse=True)
     found = rules.screening, list[Candidate]()
     for stage in stages:
         fit = base.fits[stage]
