@@ -68,14 +68,14 @@ def search(
             base = _grow(bench, start, rules, library, max_steps, log)
         if regime in MOVED or (regime is None and residuals(base.fit).is_passed):
             # no sum of effects leaves noise alone, so that something else moves the rig as well
-            nearly, near = is_nearly_all(base), base
-            if regime == "forces":
-                rules, start = _forced(bench, noise, start)
+            if is_nearly_all(base):  # what is left is small: the free simulation stands, its sds are those of blocks
+                rules = replace(noise, regime="disturbances")
             else:
-                rules, start = _disturbed(bench, noise, start, log, library)
-            if nearly:
-                base = _fit_base(bench, near.taken, _early(near, noise), rules)
-            else:
+                rules, start = (
+                    _forced(bench, noise, start)
+                    if regime == "forces"
+                    else _disturbed(bench, noise, start, log, library)
+                )
                 log.steps, log.base = [], None
                 base = _grow(bench, start, rules, library, max_steps, log)
     except KeyboardInterrupt:
