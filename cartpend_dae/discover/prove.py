@@ -181,5 +181,6 @@ def _assess(setup: Setup, insertions: tuple[Insertion, ...], fit: Fit, bandwidth
     measured: dict[str, str] = {}
     for insertion in insertions:
         measured |= {new: old for old, new in (insertion.measured | insertion.driven).items()}
-    step = fine_step(setup) if system.frictions.places and bandwidth == 0.0 else setup.step
+    is_rough = bool(system.frictions.places or system.shortest_times)
+    step = fine_step(setup) if is_rough and bandwidth == 0.0 else setup.step
     return assess(system, fit, runs, setup.scores, bandwidth=bandwidth, step=step, measured=measured)
