@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 from library_bench import joined, run
 
-from cartpend_dae import assemble, simulate
+from cartpend_dae import simulate
 from cartpend_dae.data import Channel, Experiment
-from cartpend_dae.effects import catalogue, insert
+from cartpend_dae.discover.records import Setup
+from cartpend_dae.discover.workbench import FINEST, Workbench, assembled
+from cartpend_dae.effects import Insertion, catalogue
+from cartpend_dae.effects.card import R
 from cartpend_dae.effects.places import place_at
 from cartpend_dae.library import rotational as r
 from cartpend_dae.library import rotational_loads, rotational_losses, translational_loads, translational_losses
@@ -101,3 +104,33 @@ def test_fixed_steps_of_any_length_stay_on_the_level(kind, make, step):
     assert force[-1] == pytest.approx(LEVEL, rel=1e-6)
 
 
+def estimation(effect, width=0.01):
+    """The bench of a swing of the rod pendulum that is sampled every `width`, and the effect at its bearing."""
+    time = np.arange(0.0, 1.0, width)
+    channel = Channel(0.1 * np.cos(7 * time), "zoh", 1e-3, "rad", 0.0)
+    experiment = Experiment("swing", "train", time, {}, {"bearing.phi": channel}, {}, "free", None)
+    bench = Workbench(Setup(RotaDamp(), (), (experiment,), (), ()))
+    (card,) = (card for card in catalogue() if card.id == effect)
+    return bench, Insertion(card, place_at(RotaDamp(), card, "bearing"), card.starts(R)[0])
+
+
+@pytest.mark.parametrize("effect", ["dahl_friction", "hysteresis", "maxwell_slip_friction"])
+@pytest.mark.parametrize("width", [0.01, 0.004])
+def test_an_estimation_chooses_steps_that_follow_a_memory_and_a_search_begins_with_long_ones(effect, width):
+    bench, insertion = estimation(effect, width)
+    system = assembled(bench.setup.model, (insertion,), bench.setup.train)
+    T_0 = 0.0005
+    assert system.parameter_values[list(system.shortest_times)] == pytest.approx([T_0])
+    problem = make_problem(system, (), bench.setup.train)
+    # none of the eigenvalues at the start, where nothing moves, asks for it
+    assert problem.layout.substeps == np.ceil(width / (2 * T_0))
+    assert make_problem(system, (), bench.setup.train, step=width).layout.substeps == 1
+    assert bench.problem((insertion,)).layout.substeps < problem.layout.substeps
+    assert bench.problem((insertion,), "fine").layout.substeps == FINEST
+    assert not bench.problem(()).has_memory
+
+
+def test_a_fit_to_the_free_simulation_follows_a_memory_on_fine_steps():
+    bench, insertion = estimation("dahl_friction")
+    bench.fit((insertion,), {}, (5.0, 0.0), np.array([1e-3]), iterations=1)
+    assert ["fine" in key for key in bench.problems] == [False, True]
