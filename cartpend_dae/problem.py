@@ -17,7 +17,7 @@ from cartpend_dae.language import Component
 from cartpend_dae.programme import programme
 from cartpend_dae.singular import check_regular
 from cartpend_dae.starts import begin_function, run_start
-from cartpend_dae.stepping import LONGEST
+from cartpend_dae.stepping import LONGEST, shortest_times
 from cartpend_dae.system import System
 from cartpend_dae.transcribe import SEGMENT, Layout, Passes, RunStart, Slot
 from cartpend_dae.unknowns import Free, Prior, Tie
@@ -56,7 +56,7 @@ class Problem:
     @property
     def has_memory(self) -> bool:
         """Whether a component changes as fast as fixed steps can follow, such as hysteresis at high speed."""
-        return bool(self.exact.shortest_times)
+        return bool(shortest_times(self.exact))
 
     @cached_property
     def layout(self) -> Layout:
@@ -330,7 +330,8 @@ def _substeps(problem: Problem) -> int:
     fastest = float(np.abs(np.linalg.eigvals(value)).max(initial=0.0)) if value.size else 0.0
     count = width * fastest / (problem.stride or usual_stride(system))
     if problem.stride is None:
-        count = max(count, width / (LONGEST * min((p[i] for i in system.shortest_times if p[i] > 0), default=np.inf)))
+        shortest = min((p[i] for i in shortest_times(system) if p[i] > 0), default=np.inf)
+        count = max(count, width / (LONGEST * shortest))
     return int(np.clip(np.ceil(count - 1e-9), 1, 100))
 
 

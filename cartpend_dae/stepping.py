@@ -74,10 +74,15 @@ def runge_kutta(system: System, *, substeps: int = 1) -> Step:
     return Step(function, _measure_function(system, substeps), substeps)
 
 
+def shortest_times(system: System) -> tuple[int, ...]:
+    """Return the parameters that are shortest times in which a component changes, by their indices."""
+    return tuple(i for i, q in enumerate(system.parameters) if q.declaration.is_shortest_time)
+
+
 def _followed(system: System, p: ca.SX, dt: ca.SX) -> ca.SX:
     """Return the parameters with no shortest time below the share of a step that can follow it."""
     found = ca.SX(p)
-    for i in system.shortest_times:
+    for i in shortest_times(system):
         found[i] = ca.fmax(p[i], dt / LONGEST)
     return found
 

@@ -278,11 +278,6 @@ class System:
         return np.array([q.value for q in self.parameters], dtype=float)
 
     @property
-    def shortest_times(self) -> tuple[int, ...]:
-        """The parameters that are shortest times in which a component changes, by their indices."""
-        return tuple(i for i, q in enumerate(self.parameters) if q.declaration.is_shortest_time)
-
-    @property
     def eliminated(self) -> tuple[str, ...]:
         """Each eliminated variable and what it equals, in dotted names."""
         return eliminated_lines(self.aliased)

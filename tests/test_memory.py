@@ -18,6 +18,7 @@ from cartpend_dae.library import signals as s
 from cartpend_dae.library import translational as t
 from cartpend_dae.library import translational_sources as ts
 from cartpend_dae.problem import make_problem
+from cartpend_dae.stepping import shortest_times
 from models.rota_damp import RotaDamp
 
 # modules of ends, sources, losses and loads; names of speed, force, level, length and speed of the peak
@@ -120,7 +121,7 @@ def test_an_estimation_chooses_steps_that_follow_a_memory_and_a_search_begins_wi
     bench, insertion = estimation(effect, width)
     system = assembled(bench.setup.model, (insertion,), bench.setup.train)
     T_0 = 0.0005
-    assert system.parameter_values[list(system.shortest_times)] == pytest.approx([T_0])
+    assert system.parameter_values[list(shortest_times(system))] == pytest.approx([T_0])
     problem = make_problem(system, (), bench.setup.train)
     # none of the eigenvalues at the start, where nothing moves, asks for it
     assert problem.layout.substeps == np.ceil(width / (2 * T_0))
