@@ -24,6 +24,7 @@ def param(
     max: float | None = None,
     nominal: float | None = None,
     doc: str = "",
+    is_shortest_time: bool = False,
 ) -> Param:
     """Declare a parameter; without `default` the constructor demands it.
 
@@ -39,8 +40,12 @@ def param(
         Typical magnitude [unit], for scaling.
     doc
         A few words.
+    is_shortest_time
+        Whether it is a time [s] in less than which no state of the component changes, however fast the motion: steps
+        of fixed length are chosen by it, and where they are longer than twice this time it counts as half of them.
     """
-    return Param(Declaration(unit, doc, min, max, None, default, nominal))
+    declaration = Declaration(unit, doc, min, max, None, default, nominal, is_shortest_time=is_shortest_time)
+    return Param(declaration)
 
 
 def var(

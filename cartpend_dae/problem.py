@@ -17,6 +17,7 @@ from cartpend_dae.language import Component
 from cartpend_dae.programme import programme
 from cartpend_dae.singular import check_regular
 from cartpend_dae.starts import begin_function, run_start
+from cartpend_dae.stepping import LONGEST, shortest_times
 from cartpend_dae.system import System
 from cartpend_dae.transcribe import SEGMENT, Layout, Passes, RunStart, Slot
 from cartpend_dae.unknowns import Free, Prior, Tie
@@ -51,6 +52,11 @@ class Problem:
     def has_events(self) -> bool:
         """Whether steps of fixed length are an approximation of events, such as those of dry friction."""
         return bool(self.exact.frictions.places or self.exact.hybrid.relation_places)
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether a component changes as fast as fixed steps can follow, such as hysteresis at high speed."""
+        return bool(shortest_times(self.exact))
 
     @cached_property
     def layout(self) -> Layout:
@@ -302,7 +308,8 @@ def _substeps(problem: Problem) -> int:
     """Return steps per sample so that the step is short against the fastest motion of the model.
 
     The product of step and fastest eigenvalue stays below 0.25 (error of RK4 per step below 1e-5); with
-    dry friction below 0.03, because reversals are resolved to second order only.
+    dry friction below 0.03, because reversals are resolved to second order only. What has a shortest time in which it
+    changes shows that at high speed only: unless the problem has a stride, the step is no longer than can follow it.
     """
     system = problem.system
     widths = np.concatenate([np.diff(experiment.time) for experiment in problem.experiments])
@@ -322,8 +329,16 @@ def _substeps(problem: Problem) -> int:
     x, z = np.split(start.x, [system.x.numel()])
     value = np.asarray(jacobian(start.time, x, z, start.u, p, np.zeros(system.frictions.force.numel())))
     fastest = float(np.abs(np.linalg.eigvals(value)).max(initial=0.0)) if value.size else 0.0
-    limit = problem.stride or (0.03 if system.frictions.places else 0.25)
-    return int(np.clip(np.ceil(width * fastest / limit), least, max(least, 100)))
+    count = width * fastest / (problem.stride or usual_stride(system))
+    if problem.stride is None:
+        shortest = min((p[i] for i in shortest_times(system) if p[i] > 0), default=np.inf)
+        count = max(count, width / (LONGEST * shortest))
+    return int(np.clip(np.ceil(count - 1e-9), least, max(least, 100)))
+
+
+def usual_stride(system: System) -> float:
+    """Return the largest product of step and fastest eigenvalue at which errors of integration do not show."""
+    return 0.03 if system.frictions.places else 0.25
 
 
 def dominant_frequency(experiments: tuple[Experiment, ...]) -> float:

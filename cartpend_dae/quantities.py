@@ -29,7 +29,10 @@ Q = TypeVar("Q")
 
 @dataclass(frozen=True, slots=True)
 class Declaration:
-    """What a model says of one quantity: unit, bounds, start and a few words."""
+    """What a model says of one quantity: unit, bounds, start and a few words.
+
+    `is_shortest_time`: of a parameter, no state of its component changes in less time than this.
+    """
 
     unit: str
     doc: str = ""
@@ -39,6 +42,7 @@ class Declaration:
     default: float | None = None
     nominal: float | None = None
     state_select: StateSelect = "default"
+    is_shortest_time: bool = False
 
     @property
     def wish(self) -> int:

@@ -19,6 +19,7 @@ from cartpend_dae.identify import Fit
 from cartpend_dae.language import Component
 from cartpend_dae.notebook import table
 from cartpend_dae.parallel import Workers
+from cartpend_dae.stepping import shortest_times
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,5 +185,6 @@ def _assess(setup: Setup, insertions: tuple[Insertion, ...], fit: Fit, bandwidth
     measured: dict[str, str] = {}
     for insertion in insertions:
         measured |= {new: old for old, new in (insertion.measured | insertion.driven).items()}
-    step = fine_step(setup) if system.frictions.places and bandwidth == 0.0 else setup.step
+    is_rough = bool(system.frictions.places or shortest_times(system))
+    step = fine_step(setup) if is_rough and bandwidth == 0.0 else setup.step
     return assess(system, fit, runs, setup.scores, bandwidth=bandwidth, step=step, measured=measured)

@@ -17,7 +17,7 @@ from cartpend_dae.gauss_newton import ITERATIONS
 from cartpend_dae.identify import Fit, estimate
 from cartpend_dae.language import Component, bindings_of
 from cartpend_dae.parallel import Workers
-from cartpend_dae.problem import Problem, dominant_frequency, free_parameter, make_problem
+from cartpend_dae.problem import Problem, dominant_frequency, free_parameter, make_problem, usual_stride
 from cartpend_dae.shooting import Linearisation, linearised
 from cartpend_dae.system import System
 from cartpend_dae.unknowns import Free, tie
@@ -138,7 +138,9 @@ class Workbench:
     ) -> Problem:
         setup = self.setup
         ties = tuple(tie(system, name, text) for name, text in setup.ties)
-        return make_problem(system, free, runs, step=step, ties=ties, huber=setup.huber)
+        problem = make_problem(system, free, runs, step=step, ties=ties, huber=setup.huber)
+        # what the shortest times ask for is left to fits on fine steps
+        return replace(problem, stride=usual_stride(problem.system)) if problem.has_memory else problem
 
     def _free(
         self, system: System, insertions: tuple[Insertion, ...], scales: Mapping[str, float] | None = None
@@ -178,7 +180,7 @@ class Workbench:
     ) -> Fit:
         """Fit along decreasing output injection, each stage from the last; `patient` as of `estimate`.
 
-        What is fitted to the free simulation is fitted on fine steps, where dry friction needs them.
+        What is fitted to the free simulation is fitted on fine steps, where friction or a memory needs them.
         """
         scales = self.scales_of(insertions, stride)
         label = " + ".join(insertion.prefix for insertion in insertions) or "baseline"
@@ -196,7 +198,8 @@ class Workbench:
         return fit
 
     def _needs_fine_steps(self, insertions: tuple[Insertion, ...]) -> bool:
-        return self.setup.step is None and self.problem(insertions).has_events
+        problem = self.problem(insertions)
+        return self.setup.step is None and (problem.has_events or problem.has_memory)
 
     def _fit(
         self,
@@ -241,7 +244,7 @@ class Workbench:
 
 
 def fine_step(setup: Setup) -> float:
-    """Return the step with which laws of dry friction are told apart [s], unless the study has its own."""
+    """Return the step with which laws of friction are told apart [s], unless the study has its own."""
     width = float(np.median(np.concatenate([np.diff(run.time) for run in setup.train])))
     return setup.step or width / FINEST
 

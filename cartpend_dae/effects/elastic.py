@@ -79,6 +79,7 @@ def elastic_cards() -> tuple[Card, ...]:
                 level("c_h"),
                 shape("z_h", (0.02, 0.2), ("z_h", (0.002, 0.02))),
                 shape("beta", (0.5,), lower=0.5, upper=1.0),
+                choice("n", (1.0, 2.0)),
             ),
             dissipative=True,
             nested_in=(),

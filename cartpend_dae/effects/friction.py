@@ -153,7 +153,14 @@ def friction_cards() -> tuple[Card, ...]:
             summary="friction with bristles: presliding, a Stribeck curve and a lag behind the speed",
             insertion="parallel",
             components={R: rotational_losses.LuGreFriction, T: translational_losses.LuGreFriction},
-            parameters=(level("tau_c", "f_c"), level("tau_s", "f_s"), WS, PHI_S, level("d_1"), level("d")),
+            parameters=(
+                level("tau_c", "f_c"),
+                shape("r_s", (1.5,), lower=1.0, upper=10.0),
+                WS,
+                PHI_S,
+                level("d_1"),
+                level("d"),
+            ),
             dissipative=True,
             nested_in=(),
             equivalent_to={},
@@ -161,7 +168,6 @@ def friction_cards() -> tuple[Card, ...]:
             excited_by="small reversals around rest, and slow ramps through zero speed",
             source="C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky, IEEE Trans. Autom. Control 40 (1995), "
             "419-425, 10.1109/9.376053",
-            peaks=AT_REST,
         ),
         Card(
             id="maxwell_slip_friction",

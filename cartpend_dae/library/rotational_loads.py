@@ -6,7 +6,7 @@ Every size is 0 unless it is set, and then the component is not felt.
 import casadi as ca
 
 from cartpend_dae.language import Param, Statements, der, param, var
-from cartpend_dae.library.laws import bouc_wen_rate, contact, wave
+from cartpend_dae.library.laws import SHORTEST, bouc_wen_rate, contact, wave
 from cartpend_dae.library.rotational import Compliant, CompliantWithSpeed
 
 
@@ -53,9 +53,9 @@ class EndStop(CompliantWithSpeed):
 
 
 class Hysteresis(CompliantWithSpeed):
-    """Bouc-Wen hysteresis, tau = c_h z_h z, der(z) = (v - beta |v| |z| z - (1 - beta) v z^2)/z_0, v = w_rel.
+    """Bouc-Wen hysteresis, tau = c_h z_h z, der(z) = (v - (beta |v| z + (1 - beta) v |z|) |z|^(n-1))/z_0, v = w_rel.
 
-    z_0 = z_h + 2 |v| T_0. c_h is the stiffness at small amplitudes, c_h z_h the largest torque.
+    z_0 = max(z_h, n |v| T_0). c_h is the stiffness at small amplitudes, c_h z_h the largest torque.
     Stiffness beside it is an effect of its own.
     """
 
@@ -63,11 +63,12 @@ class Hysteresis(CompliantWithSpeed):
     c_h: Param = param(unit="N.m/rad", default=0.0, min=0, doc="stiffness at small amplitudes")
     z_h: Param = param(unit="rad", default=0.1, min=0, doc="deflection at which it yields")
     beta: Param = param(unit="1", default=0.5, min=0.5, max=1, doc="shape of the loop; 1 is the widest")
-    T_0: Param = param(unit="s", default=0.005, min=0, doc="shortest time in which it changes")
+    n: Param = param(unit="1", default=1.0, min=1, doc="how sharply it yields")
+    T_0: Param = param(unit="s", default=SHORTEST, min=0, doc="shortest time of change", is_shortest_time=True)
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield der(self.z) == bouc_wen_rate(self.z, self.w_rel, self.z_h, self.T_0, self.beta)
+        yield der(self.z) == bouc_wen_rate(self.z, self.w_rel, self.z_h, self.T_0, self.beta, self.n)
         yield self.tau == self.c_h * self.z_h * self.z
 
 

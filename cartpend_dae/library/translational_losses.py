@@ -8,10 +8,13 @@ import casadi as ca
 
 from cartpend_dae.language import Param, Statements, der, dry_friction, param, var
 from cartpend_dae.library.laws import (
+    SHORTEST,
+    beyond,
     breakaway_level,
     each_way,
     not_negative,
     presliding_rate,
+    slipping_rate,
     stribeck_level,
     wave,
 )
@@ -80,7 +83,7 @@ class PositionDependentFriction(CompliantWithSpeed):
 
 
 class DahlFriction(CompliantWithSpeed):
-    """Dahl friction, f = f_c z, der(z) = (v - |v| z)/(s_s + |v| T_0), v = v_rel.
+    """Dahl friction, f = f_c z, der(z) = (v - |v| z)/max(s_s, |v| T_0), v = v_rel.
 
     z is the deflection of the contact in parts of that at sliding, s_s; the stiffness at rest is f_c/s_s. Above the
     speed s_s/T_0 it changes within T_0, so that fixed steps can follow it.
@@ -89,7 +92,7 @@ class DahlFriction(CompliantWithSpeed):
     z = var(unit="1", doc="deflection of the contact, between -1 and 1")
     f_c: Param = param(unit="N", default=0.0, min=0, doc="Coulomb level")
     s_s: Param = param(unit="m", default=0.002, min=0, doc="presliding length")
-    T_0: Param = param(unit="s", default=0.005, min=0, doc="shortest time in which it changes")
+    T_0: Param = param(unit="s", default=SHORTEST, min=0, doc="shortest time of change", is_shortest_time=True)
 
     def equations(self) -> Statements:
         yield from super().equations()
@@ -98,53 +101,48 @@ class DahlFriction(CompliantWithSpeed):
 
 
 class LuGreFriction(CompliantWithSpeed):
-    """LuGre friction, f = g(v) z + d_1 (v - |v| z) + d v, der(z) = (v - |v| z)/(s_s + |v| T_0), v = v_rel.
+    """LuGre friction, f = f_c z + d_1 (v - |v| z/r) + d v, der(z) = (v - |v| z/r)/max(s_s, |v| T_0), v = v_rel.
 
-    g = f_c + (f_s - f_c) exp(-(v/v_s)^2). z is the bristles' deflection in parts of that at sliding. In the
-    paper's letters sigma_0 = g(v)/s_s and sigma_1 = d_1: the bristles slide at the deflection s_s at every speed,
-    which keeps the law defined, and linear, where the levels are 0. Curve at steady speed, presliding and the lag
-    of friction behind the speed are those of the paper. Above the speed s_s/T_0 the bristles take the time T_0.
+    r = 1 + (r_s - 1) exp(-(v/v_s)^2). z is the bristles' deflection in parts of s_s, that of sliding at high speed.
+    In the paper's letters sigma_0 = f_c/s_s, sigma_1 = d_1 and g(v) = f_c r. As the peak is a ratio, the law is
+    defined, and linear, where the levels are 0. Above the speed s_s/T_0 the bristles take the time T_0.
     """
 
-    z = var(unit="1", doc="deflection of the bristles, between -1 and 1")
+    z = var(unit="1", doc="deflection of the bristles, between -r_s and r_s")
     f_c: Param = param(unit="N", default=0.0, min=0, doc="Coulomb level, at high speed")
-    f_s: Param = param(unit="N", default=0.0, min=0, doc="peak, at low speed")
+    r_s: Param = param(unit="1", default=1.0, min=1, doc="peak, at low speed, in parts of the Coulomb level")
     v_s: Param = param(unit="m/s", default=0.02, min=0, doc="speed at which the peak has gone")
     s_s: Param = param(unit="m", default=0.002, min=0, doc="presliding length")
     d_1: Param = param(unit="N.s/m", default=0.0, min=0, doc="damping of the bristles")
     d: Param = param(unit="N.s/m", default=0.0, min=0, doc="viscous damping")
-    T_0: Param = param(unit="s", default=0.005, min=0, doc="shortest time in which it changes")
+    T_0: Param = param(unit="s", default=SHORTEST, min=0, doc="shortest time of change", is_shortest_time=True)
 
     def equations(self) -> Statements:
         yield from super().equations()
-        rate = presliding_rate(self.z, self.v_rel, self.s_s, self.T_0)
-        level = stribeck_level(self.v_rel, self.f_c, self.f_s, self.v_s)
-        yield der(self.z) == rate
-        yield (
-            self.f
-            == level * self.z + self.d_1 * (self.s_s + ca.fabs(self.v_rel) * self.T_0) * rate + self.d * self.v_rel
-        )
+        ratio = stribeck_level(self.v_rel, ca.SX(1), self.r_s, self.v_s)
+        yield der(self.z) == presliding_rate(self.z, self.v_rel, self.s_s, self.T_0, ratio)
+        slip = self.v_rel - ca.fabs(self.v_rel) * self.z / ratio
+        yield self.f == self.f_c * self.z + self.d_1 * slip + self.d * self.v_rel
 
 
 class MaxwellSlipFriction(CompliantWithSpeed):
-    """Maxwell-slip friction, f = f_c (z_1 + z_2 + z_3 + z_4)/4: four springs that slip one after the other.
+    """Maxwell-slip friction, f = f_c (y_1 + y_2 + y_3 + y_4)/4: four springs that slip one after the other.
 
-    Spring k slips after the way k s_s/4: der(z_k) = (v - |v| z_k |z_k|^3)/(k s_s/4 + 4 |v| T_0), v = v_rel; the
-    power rounds the corner at which a spring begins to slip, so that the law has a slope everywhere. T_0 is the
-    shortest time in which they change.
+    Spring k slips after the way k s_s/4: der(z_k) = v/(k s_s/4) - (z_k - y_k)/T_0, v = v_rel; y_k is z_k cut off at
+    -1 and 1. While it slips z_k is beyond by 4 v T_0/(k s_s), of which nothing is left when the motion turns.
     """
 
-    z_1 = var(unit="1", doc="deflection of the first spring, between -1 and 1")
+    z_1 = var(unit="1", doc="deflection of the first spring, slipping beyond -1 and 1")
     z_2 = var(unit="1", doc="deflection of the second spring")
     z_3 = var(unit="1", doc="deflection of the third spring")
     z_4 = var(unit="1", doc="deflection of the fourth spring")
     f_c: Param = param(unit="N", default=0.0, min=0, doc="Coulomb level")
     s_s: Param = param(unit="m", default=0.002, min=0, doc="way after which all slip")
-    T_0: Param = param(unit="s", default=0.005, min=0, doc="shortest time in which it changes")
+    T_0: Param = param(unit="s", default=SHORTEST, min=0, doc="shortest time of change", is_shortest_time=True)
 
     def equations(self) -> Statements:
         yield from super().equations()
         springs = (self.z_1, self.z_2, self.z_3, self.z_4)
         for k, z in enumerate(springs, start=1):
-            yield der(z) == presliding_rate(z, self.v_rel, k * self.s_s / 4, self.T_0, order=4)
-        yield self.f == self.f_c * (self.z_1 + self.z_2 + self.z_3 + self.z_4) / 4
+            yield der(z) == slipping_rate(z, self.v_rel, k * self.s_s / 4, self.T_0)
+        yield self.f == self.f_c * sum(z - beyond(z, -1.0, 1.0) for z in springs) / 4
