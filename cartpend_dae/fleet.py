@@ -69,8 +69,8 @@ def _computed(
     opened: Opened, order: Order, *, jobs: Workers = 1, report: Report = silent, stages: Path | None = None
 ) -> Discovery | Identification:
     if order.command == "discover":
-        again = {"placebo": order.placebo, "power": order.power}
-        return discover_study(opened, report=report, jobs=jobs, stages=stages, **again)
+        placebo, power = order.placebo, order.power
+        return discover_study(opened, report=report, jobs=jobs, stages=stages, placebo=placebo, power=power)
     if any(fmus_in(opened.model)):
         return _by_joint_runs(opened, order)
     problem, fit = solve_study(opened, report=report, jobs=jobs)
