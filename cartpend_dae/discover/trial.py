@@ -18,8 +18,9 @@ from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError
 from cartpend_dae.identify import Fit
 
-# so many of the best predictions are fitted at the first stage, in so many steps, and the best of them to the end
-WIDE, NARROW, EARLY = 10, 4, 6
+# so many of the best predictions are fitted at the first stage, in so many steps; the best of them with less injection,
+# in so many steps; and the best of these to the end
+WIDE, MIDDLE, NARROW, EARLY, LATER = 10, 8, 4, 6, 10
 # against random forces: so many are fitted, of those that promise this share of what they must gain
 FEW, HALF = 5, 0.5
 # where no effect explains this share of chi2, the injection hides what is missing
@@ -60,7 +61,7 @@ def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
     early = _first_fits(bench, base, rules, stage, wide)
     rest += [c for c in early if c.why_not]
     ranked = sorted((c for c in early if not c.why_not), key=lambda c: bic(c.fit) if c.fit else np.inf)
-    few = ranked[:NARROW] + [c for c in ranked[NARROW:] if _is_simple(c)][:NARROW]
+    few = ranked[:MIDDLE] + [c for c in ranked[MIDDLE:] if _is_simple(c)][:NARROW]
     rest += [replace(c, fit=None, why_not="others explain more at the first stage") for c in ranked if c not in few]
     judged = _judged(bench, base, rules, few)
     complete = [c for c in judged if c.fit is not None]
@@ -177,9 +178,11 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate]) ->
     few = [c for c in few if not c.why_not]
     left = sorted(c.fit.chi2 - c.fit.n_residuals for c in few if c.fit is not None)
     least = max(left[0], LITTLE * base.fit.n_residuals) if left else 0.0
-    for candidate in [c for c in few if c.fit is not None and c.fit.chi2 - c.fit.n_residuals > BEHIND * least]:
-        few.remove(candidate)
-        found.append(replace(candidate, fit=None, why_not="others explain far more at the next stage"))
+    few.sort(key=lambda c: bic(c.fit) if c.fit else np.inf)
+    simple = [c for c in few[NARROW:] if _is_simple(c)]
+    near = [c for c in few[:NARROW] + simple if c.fit and c.fit.chi2 - c.fit.n_residuals <= BEHIND * least]
+    found += [replace(c, fit=None, why_not="others explain more at the next stage") for c in few if c not in near]
+    few = near
     for count in sorted({len(c.insertion.parameter_names) for c in few}):
         these = [c for c in few if len(c.insertion.parameter_names) == count]
         enough = next((c for c in found if not c.why_not and _leaves_noise(c)), None)
@@ -209,7 +212,7 @@ def _nearer(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) ->
     together = (*base.taken, candidate.insertion)
     assert candidate.fit is not None
     least = min(w for w in rules.stages if w > 0)
-    fit = bench.fit(together, candidate.fit.point, (least,), rules.sd, patient=False, iterations=EARLY, stride=ROUGH)
+    fit = bench.fit(together, candidate.fit.point, (least,), rules.sd, patient=False, iterations=LATER, stride=ROUGH)
     if not np.isfinite(fit.chi2):
         raise SolverError("its simulation diverges")
     return replace(candidate, fit=fit)
