@@ -9,6 +9,7 @@ from cartpend_dae.discover.choice import NEAR, are_parallel, step_of
 from cartpend_dae.discover.disturbed import ALIKE, fitted, penalty
 from cartpend_dae.discover.evidence import bic, with_robust_sd
 from cartpend_dae.discover.gate import residuals
+from cartpend_dae.discover.mirror import mirrored
 from cartpend_dae.discover.predicted import MIN_SHARE, explained
 from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdict
 from cartpend_dae.discover.regime import best_bandwidth
@@ -186,8 +187,8 @@ def _supported(bench: Workbench, base: Base, rules: Rules, options: list[Inserti
 def _reported(bench: Workbench, base: Base, rules: Rules) -> Fit:
     """Return the fit of a base with the standard deviations that its regime calls for."""
     if rules.regime == "noise":
-        return base.fit
-    return with_robust_sd(base.fit, bench.solved(base.taken, base.fit, rules.sd))
+        return mirrored(base.fit)
+    return mirrored(with_robust_sd(base.fit, bench.solved(base.taken, base.fit, rules.sd)))
 
 
 def _pushes_remain(before: Base, after: Base) -> bool:
