@@ -25,6 +25,8 @@ MIN_T = 3.0
 # candidates whose criterion differs by less explain the data alike
 ALIKE = 20.0
 EARLY = 8
+# sensitivities beyond this are those of a simulation that runs away
+DIVERGED = 1e50
 # columns of which no more is left are not told from what is fitted already
 BLIND = 1e-8
 
@@ -83,7 +85,9 @@ def predictions(batch: list[Candidate], found: Sweep, base: Weighed) -> list[Can
     base
         The model without them.
     """
-    names = list(found.sizes)
+    names = [name for name, column in found.sizes.items() if np.all(np.abs(column) < DIVERGED)]
+    diverged = [c for c in batch if not set(c.insertion.size_names) <= set(names)]
+    batch = [c for c in batch if c not in diverged]
     known = [base.found.residual, *base.found.base.T]
     rows = base.chain.spread(np.column_stack([*known, *(found.sizes[name] for name in names)]))
     sizes = np.array([share * base.forces.sizes for share in LEFT])
@@ -92,8 +96,11 @@ def predictions(batch: list[Candidate], found: Sweep, base: Weighed) -> list[Can
     grams = [one.T @ one for one in flat]
     n = int(base.chain.measured.sum())
     place = {name: len(known) + i for i, name in enumerate(names)}
-    return [_predicted(c, [place[x] for x in c.insertion.size_names], grams, white.determinant, n, base, len(known))
-            for c in batch]  # fmt: skip
+    lost = [replace(c, predicted=0.0, why_not=c.why_not or "its simulation diverges") for c in diverged]
+    return lost + [
+        _predicted(c, [place[x] for x in c.insertion.size_names], grams, white.determinant, n, base, len(known))
+        for c in batch
+    ]
 
 
 def _predicted(
