@@ -145,7 +145,10 @@ def model_reference(text: str) -> ModelReference:
     file, colon, name = text.rpartition(":")
     if not (colon and name.isidentifier() and file.endswith(".py")):
         file, name = text, ""
-    return ModelReference(path=expand(file, Path.cwd()), name=name or None)
+    try:
+        return ModelReference(path=expand(file, Path.cwd()), name=name or None)
+    except ValueError as error:
+        raise StudyError(f"The path `{file}` {error}.") from None
 
 
 def load_model(reference: ModelReference) -> Component:

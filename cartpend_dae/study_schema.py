@@ -36,7 +36,7 @@ def data_folder() -> Path:
 
 
 def expand(text: str, base: Path) -> Path:
-    """Replace ``${VARIABLE}`` in a path and resolve it against the folder `base`."""
+    """Replace ``${VARIABLE}`` and ``~`` in a path and resolve it against the folder `base`."""
 
     def value(match: re.Match[str]) -> str:
         name = match[1]
@@ -46,7 +46,11 @@ def expand(text: str, base: Path) -> Path:
             raise ValueError(f"uses the environment variable `{name}`, which is not set: set it or write the path")
         return os.environ[name]
 
-    return (base / Path(re.sub(r"\$\{(\w+)\}", value, text)).expanduser()).absolute()
+    path = Path(re.sub(r"\$\{(\w+)\}", value, text))
+    try:
+        return (base / path.expanduser()).absolute()
+    except RuntimeError:  # of pathlib, for a user that this machine does not know
+        raise ValueError(f"begins with `{path.parts[0]}`, whose home folder is not known: write the path") from None
 
 
 def _path(value: object, info: ValidationInfo) -> object:
