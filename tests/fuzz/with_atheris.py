@@ -3,6 +3,7 @@
 A fault is written to the folder FAULTS, once for each place where it arises, and the run goes on.
 """
 
+import shlex
 import sys
 import traceback
 from pathlib import Path
@@ -32,5 +33,7 @@ def one(content):
 
 if __name__ == "__main__":
     faults.mkdir(parents=True, exist_ok=True)
-    atheris.Setup([sys.argv[0], *sys.argv[3:]], one)
+    # a merge starts the first word anew, by a shell, for each file that may be kept
+    itself = shlex.join([sys.executable, *sys.argv[:3]])
+    atheris.Setup([itself, *sys.argv[3:]], one)
     atheris.Fuzz()

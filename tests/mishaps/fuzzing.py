@@ -67,14 +67,18 @@ def _run(name: str, faults: Path, corpus: Path, seconds: float) -> tuple[int, in
 
 
 def _keep(name: str, corpus: Path) -> None:
-    """Keep the smallest files that reach what all reach."""
+    """Keep the smallest files that reach what all reach, beside those of a corpus that have a name of their own."""
     small = corpus.with_name(f"{name}-small")
     small.mkdir()
     command = [sys.executable, str(PROGRAM), name, str(small / "no"), "-merge=1", str(small), str(corpus)]
-    subprocess.run([*command, "-timeout=30"], capture_output=True, check=False, cwd=corpus.parent)
-    target = CORPUS / name
-    shutil.rmtree(target, ignore_errors=True)
-    target.mkdir(parents=True)
+    done = subprocess.run([*command, "-timeout=30"], capture_output=True, check=False, cwd=corpus.parent)
     files = sorted((path for path in small.iterdir() if path.is_file()), key=lambda path: path.stat().st_size)
+    if not files:
+        raise RuntimeError(f"No corpus of `{name}` can be kept: {done.stderr.decode(errors='replace')[-300:]}")
+    target = CORPUS / name
+    target.mkdir(parents=True, exist_ok=True)
+    for path in target.glob("*"):
+        if re.fullmatch("[0-9a-f]{40}", path.name):  # of an earlier run
+            path.unlink()
     for path in [path for path in files if path.stat().st_size <= BYTES][-FILES:]:
         shutil.copy(path, target / path.name)
