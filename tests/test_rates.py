@@ -8,6 +8,7 @@ from test_discover_pendulum import COULOMB, NOISE, clean_run, noisy_setup
 
 from cartpend_dae.discover import Workbench, discover, refit, splits
 from cartpend_dae.discover.rates import made_anew
+from cartpend_dae.discover.split import Split
 from cartpend_dae.effects import catalogue, insertion_at
 from models.rota_damp import RotaDamp
 
@@ -66,6 +67,13 @@ def test_placebo_adds_nothing_and_power_finds_it_again():
     assert (power.removed, power.n, power.hits) == ("bearing.coulomb_friction", 2, 2)
     assert power.sentence == (
         "Where `bearing.coulomb_friction` is missing, it was found again in 2 of 2 data sets made so."
+    )
+
+
+def test_experiments_that_tell_nothing_are_said_to():
+    assert Split("bearing.a", "bearing.b", (("release", 2.3e-20), ("step", 0.0))).sentence == (
+        "None of 2 experiments tells `bearing.a` from `bearing.b` (evidence of 0.0 at most, where 20 would tell): "
+        "another sensor is needed."
     )
 
 
