@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from fuzz.readers import CORPUS, READERS
@@ -23,10 +24,11 @@ def has_atheris() -> bool:
     return importlib.util.find_spec("atheris") is not None
 
 
-def fuzzed(folder: Path, seconds: float, keep: bool = False) -> list[Row]:
-    """Run every reader under atheris for so many seconds each."""
+def fuzzed(folder: Path, seconds: float, names: Sequence[str] = tuple(READERS), *, keep: bool = False) -> list[Row]:
+    """Run readers under atheris for so many seconds each."""
     rows = []
-    for name, reader in READERS.items():
+    for name in names:
+        reader = READERS[name]
         mine = folder / name
         mine.mkdir(parents=True)
         for k, content in enumerate(reader.seeds()):
@@ -40,7 +42,7 @@ def fuzzed(folder: Path, seconds: float, keep: bool = False) -> list[Row]:
             print(name, path.read_text()[-1500:], flush=True)
         if keep:
             _keep(name, mine)
-        what = f"{len(found)} faults" + (f", died {deaths} times" if deaths else "")
+        what = ("1 fault" if len(found) == 1 else f"{len(found)} faults") + (f", died {deaths} times" if deaths else "")
         done = f"`{name}`: any bytes, led by what they reach (atheris), {seconds:.0f} s"
         rows.append(Row("fuzzed reader", done, runs, what, len(found) + deaths))
     return rows
