@@ -23,6 +23,7 @@ from cartpend_dae import units
 from cartpend_dae.errors import ModelError, StudyError
 from cartpend_dae.language import Component
 from cartpend_dae.parcel import PRIVATE
+from cartpend_dae.study_paths import expand
 from cartpend_dae.study_schema import (
     DesignSpec,
     DiscoverSpec,
@@ -31,7 +32,6 @@ from cartpend_dae.study_schema import (
     ModelReference,
     ScoreSpec,
     StudyTable,
-    expand,
 )
 
 

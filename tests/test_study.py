@@ -9,7 +9,8 @@ import pytest
 
 from cartpend_dae.errors import StudyError
 from cartpend_dae.study import FreeParameter, load_model, load_study, model_reference, parameter_in_si
-from cartpend_dae.study_schema import ModelReference, data_folder
+from cartpend_dae.study_paths import data_folder
+from cartpend_dae.study_schema import ModelReference
 
 RUN = """
 [[experiment]]

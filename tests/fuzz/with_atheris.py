@@ -13,6 +13,7 @@ import atheris
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 OWN = ["cartpend_dae.text_tables", "cartpend_dae.matlab_tables", "cartpend_dae.tables", "cartpend_dae.columns"]
 OWN += ["cartpend_dae.recording", "cartpend_dae.pieces", "cartpend_dae.study", "cartpend_dae.study_schema"]
+OWN += ["cartpend_dae.study_paths"]
 OWN += ["cartpend_dae.units", "cartpend_dae.modelica", "cartpend_dae.fmi.foreign", "cartpend_dae.fmi.archive"]
 with atheris.instrument_imports(include=[*OWN, "fmpy.model_description"]):
     from fuzz.readers import READERS
