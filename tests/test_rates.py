@@ -9,6 +9,7 @@ from test_discover_pendulum import COULOMB, NOISE, clean_run, noisy_setup
 from cartpend_dae.discover import Workbench, discover, refit, splits
 from cartpend_dae.discover.rates import made_anew
 from cartpend_dae.discover.split import Split
+from cartpend_dae.discover.trial import too_little
 from cartpend_dae.effects import catalogue, insertion_at
 from models.rota_damp import RotaDamp
 
@@ -75,6 +76,12 @@ def test_experiments_that_tell_nothing_are_said_to():
         "None of 2 experiments tells `bearing.a` from `bearing.b` (evidence of 0.0 at most, where 20 would tell): "
         "another sensor is needed."
     )
+
+
+def test_what_gains_nothing_rises_by_no_minus_zero():
+    assert too_little(-1e-9) == "BIC stays as it is"
+    assert too_little(-3.21) == "BIC rises by 3.2"
+    assert too_little(7.0).startswith("BIC falls by 7.0, less than")
 
 
 def test_a_larger_release_splits_two_kinds_of_drag(bench, right):
