@@ -23,6 +23,7 @@ from cartpend_dae import units
 from cartpend_dae.errors import ModelError, StudyError
 from cartpend_dae.language import Component
 from cartpend_dae.parcel import PRIVATE
+from cartpend_dae.study_paths import expand
 from cartpend_dae.study_schema import (
     DesignSpec,
     DiscoverSpec,
@@ -31,7 +32,6 @@ from cartpend_dae.study_schema import (
     ModelReference,
     ScoreSpec,
     StudyTable,
-    expand,
 )
 
 
@@ -145,7 +145,10 @@ def model_reference(text: str) -> ModelReference:
     file, colon, name = text.rpartition(":")
     if not (colon and name.isidentifier() and file.endswith(".py")):
         file, name = text, ""
-    return ModelReference(path=expand(file, Path.cwd()), name=name or None)
+    try:
+        return ModelReference(path=expand(file, Path.cwd()), name=name or None)
+    except ValueError as error:
+        raise StudyError(f"The path `{file}` {error}.") from None
 
 
 def load_model(reference: ModelReference) -> Component:

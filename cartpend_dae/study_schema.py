@@ -6,8 +6,6 @@ which `study.load_study` passes in as the validation context.
 """
 
 import math
-import os
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from types import UnionType
@@ -17,6 +15,7 @@ from pydantic import AfterValidator, AllowInfNan, BeforeValidator, ConfigDict, F
 from pydantic.dataclasses import dataclass
 
 from cartpend_dae import units
+from cartpend_dae.study_paths import expand
 
 Number = Annotated[float, Strict(), AllowInfNan(False)]
 Positive = Annotated[Number, Field(gt=0)]
@@ -27,26 +26,6 @@ Text = Annotated[str, Field(min_length=1)]
 Character = Annotated[str, Field(min_length=1, max_length=1)]
 
 _TABLE = ConfigDict(extra="forbid")
-
-
-def data_folder() -> Path:
-    """Where measured data is: ``CARTPEND_DATA``, by default ``../shared/data`` beside the checkout."""
-    default = Path(__file__).resolve().parents[2] / "shared" / "data"
-    return Path(os.environ.get("CARTPEND_DATA") or default)
-
-
-def expand(text: str, base: Path) -> Path:
-    """Replace ``${VARIABLE}`` in a path and resolve it against the folder `base`."""
-
-    def value(match: re.Match[str]) -> str:
-        name = match[1]
-        if name == "CARTPEND_DATA":
-            return str(data_folder())
-        if name not in os.environ:
-            raise ValueError(f"uses the environment variable `{name}`, which is not set: set it or write the path")
-        return os.environ[name]
-
-    return (base / Path(re.sub(r"\$\{(\w+)\}", value, text)).expanduser()).absolute()
 
 
 def _path(value: object, info: ValidationInfo) -> object:

@@ -25,12 +25,12 @@ FOLDERS = ("cartpend_dae", "models")
 
 
 def write_all() -> None:
-    """Write the pages of all modules of the library, and that of the commands."""
+    """Write the pages of all modules of the library with their table, and those of the commands and of the keys."""
     pages = {
         f"components/{module}.md": library_page(module, list(entries))
         for module, entries in groupby(components(), _module)
     }
-    pages |= {"commands.md": commands_page(), "study_keys.md": study_keys()}
+    pages |= {"commands.md": commands_page(), "study_keys.md": study_keys(), "modules.txt": module_table()}
     (GENERATED / "components").mkdir(parents=True, exist_ok=True)
     for name, text in pages.items():
         path = GENERATED / name
@@ -46,6 +46,21 @@ def library_page(module: str, entries: list[Entry]) -> str:
     """Return the page of one module of the library, a section for each component."""
     head = f"# {module}\n\n`from cartpend_dae.library.{module} import ...`\n"
     return "\n".join([head, *map(_component, entries)])
+
+
+def module_table() -> str:
+    """Return the table of the modules of the library, by the first sentences of their docstrings."""
+    lines = ["| module | what it holds |", "|---|---|"]
+    for module, _ in groupby(components(), _module):
+        sentence = _first_sentence(DOCS.parent / "cartpend_dae" / "library" / f"{module}.py")
+        lines.append(f"| [{module}](generated/components/{module}.md) | {sentence} |")
+    return "\n".join(lines) + "\n"
+
+
+def _first_sentence(path: Path) -> str:
+    """Return the first paragraph of a file's docstring, for a cell of a table."""
+    said = ast.get_docstring(ast.parse(path.read_text("utf-8"))) or ""
+    return said.partition("\n\n")[0].replace("\n", " ").replace("|", "\\|")
 
 
 def _component(entry: Entry) -> str:
@@ -122,9 +137,7 @@ def file_table() -> str:
     lines = ["| file | what it is |", "|---|---|"]
     for folder in FOLDERS:
         for path in sorted((DOCS.parent / folder).rglob("*.py")):
-            said = ast.get_docstring(ast.parse(path.read_text("utf-8"))) or ""
-            sentence = said.partition("\n\n")[0].replace("\n", " ").replace("|", "\\|")
-            if sentence:
+            if sentence := _first_sentence(path):
                 lines.append(f"| `{path.relative_to(DOCS.parent).as_posix()}` | {sentence} |")
     return "\n".join(lines) + "\n"
 

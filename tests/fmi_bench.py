@@ -110,17 +110,22 @@ MODELS: dict[str, Any] = {"mixed": Mixed, "found": lambda: Found(c=unknown(100.0
 
 
 def system_of(name: str) -> System:
-    """Return a model of this file, of `models/` or of the reference examples, assembled."""
+    """Return a model of this file, of `models/` or of the reference examples, assembled.
+
+    Where a model and an example share a name, `models/NAME` and `examples/NAME` tell them apart.
+    """
     if name in MODELS:
         return assemble(MODELS[name]())
-    folder = "models" if (ROOT / "models" / f"{name}.py").exists() else "tests/msl"
-    return assemble(load_model(model_reference(str(ROOT / folder / f"{name}.py"))))
+    kind, _, stem = name.rpartition("/")
+    is_model = kind != "examples" and (ROOT / "models" / f"{stem}.py").exists()
+    folder = ROOT / "models" if is_model else ROOT / "tests" / "msl"
+    return assemble(load_model(model_reference(str(folder / f"{stem}.py"))))
 
 
 @cache
 def exported(name: str, version: str, kind: str = "both") -> Path:
     """Return the folder of an FMU, unpacked; made once."""
-    folder = Path(tempfile.mkdtemp(prefix=f"cartpend-{name}-"))
+    folder = Path(tempfile.mkdtemp(prefix=f"cartpend-{name.replace('/', '-')}-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     path = export_fmu(system_of(name), folder / "model.fmu", version=version, kind=kind, stop=5.0)  # pyright: ignore
     fmpy.extract(str(path), str(folder / "unpacked"))

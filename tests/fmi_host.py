@@ -45,7 +45,7 @@ def host(version: str, *flags: str) -> Path:
 def library(name: str, version: str, *flags: str) -> Path:
     """Return the library of an FMU, built from its sources with flags."""
     folder = exported(name, version)
-    path = folder / f"{name}{'-'.join(flags)}.so"
+    path = folder / f"{name.replace('/', '-')}{'-'.join(flags)}.so"
     sources = folder / "unpacked" / "sources"
     quiet = ["-Wno-unused-variable", "-Wno-unused-parameter", "-Wno-unused-but-set-variable", "-Wno-unused-function"]
     command = ["gcc", *STRICT, *quiet, *flags, "-shared", "-fPIC", "-fvisibility=hidden", "all.c", "-o", path, "-lm"]

@@ -1,8 +1,9 @@
-"""Whether a release works where it will be installed: ``python tests/release.py``.
+"""Whether a release works where it will be installed: ``python tests/release.py --write docs/validation.md``.
 
 Builds sdist and wheel, installs them into fresh environments of every Python at hand (3.11 and newer, pyenv's too),
 once with the oldest versions that pyproject.toml allows and once with the newest, and there runs the demonstration and
-the tests named below, on the installed package and outside of the checkout. Needs uv and the package registry.
+the tests named below, on the installed package and outside of the checkout. Needs uv and the package registry. What it
+finds is kept in `benchmarks/results/release.json`; a run of some Pythons or versions leaves the rows of the others.
 """
 
 import argparse
@@ -17,6 +18,17 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tests"))
+
+from benchmarks.page import put_section, record, recorded  # noqa: E402
+
+TITLE = "## Installed releases"
+INTRODUCTION = """`python tests/release.py --write docs/validation.md`
+
+The source distribution and the wheel in fresh environments, with the oldest versions that `pyproject.toml` allows
+(lowest-direct) and the newest ones (highest): the demonstration must name its effect, and the tests of all readers and
+writers, simulation, estimation, discovery, reports and other processes run outside of the checkout on the installed
+package."""
 EXTRAS = "parquet,hdf5,xarray,modelica,cluster"
 TOOLS = ("pytest>=8.2", "pytest-xdist>=3.6", "hypothesis>=6.100")
 # every reader and writer, simulation, estimation, discovery, reports, other processes
@@ -63,22 +75,39 @@ def main():
     parser.add_argument("--python", help="versions by comma, such as 3.11,3.13; default: all at hand")
     parser.add_argument("--tests", default=",".join(TESTS), help="files by comma; none with an empty text")
     parser.add_argument("--resolution", default="lowest-direct,highest")
+    parser.add_argument("--write", type=Path, help="the page that the table goes into")
     options = parser.parse_args()
     pythons = interpreters()
     wanted = options.python.split(",") if options.python else sorted(pythons, key=lambda v: int(v.split(".")[1]))
-    rows = []
+    rows = recorded("release").get("release", {})
+    tests = tuple(filter(None, options.tests.split(",")))
+    done = []
     with tempfile.TemporaryDirectory(prefix="cartpend-release-") as folder:
         place = Path(folder)
         wheel, sdist = built(place / "dist")
-        rows.append(tried("sdist", wanted[-1], pythons[wanted[-1]], sdist, "highest", (), place))
-        for version in wanted:
-            for resolution in options.resolution.split(","):
-                tests = tuple(filter(None, options.tests.split(",")))
-                rows.append(tried("wheel", version, pythons[version], wheel, resolution, tests, place))
-    print("\n| what | Python | versions | demo | tests | seconds |\n|---|---|---|---|---|--:|")
-    for row in rows:
-        print("| " + " | ".join(row[key] for key in ("what", "python", "versions", "demo", "tests", "seconds")) + " |")
-    sys.exit(0 if all(row["good"] for row in rows) else 1)
+        todo = [("sdist", wanted[-1], "highest", sdist, ())]
+        todo += [
+            ("wheel", version, which, wheel, tests) for version in wanted for which in options.resolution.split(",")
+        ]
+        for what, version, which, package, chosen in todo:
+            row = tried(what, version, pythons[version], package, which, chosen, place)
+            done.append(row)
+            rows[f"{what} {version} {which}"] = row
+            record("release", rows)
+    print("", *section(rows)[2:], sep="\n")
+    if options.write:
+        put_section(options.write, section(rows))
+    sys.exit(0 if all(row["good"] for row in done) else 1)
+
+
+def section(rows):
+    """Return the section of the page."""
+    lines = [TITLE, "", *INTRODUCTION.splitlines(), ""]
+    lines += ["| what | Python | versions | demo | tests | seconds |", "|---|---|---|---|---|--:|"]
+    for _, row in sorted(rows.items()):
+        cells = (row[key] for key in ("what", "python", "versions", "demo", "tests", "seconds"))
+        lines.append("| " + " | ".join(cells) + " |")
+    return [*lines, ""]
 
 
 def uv():

@@ -51,6 +51,7 @@ LAYERS = """
     start_failure
     initialize
     start_report
+    study_paths
     study_schema
     columns
     text_tables matlab_tables

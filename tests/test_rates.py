@@ -8,6 +8,8 @@ from test_discover_pendulum import COULOMB, NOISE, clean_run, noisy_setup
 
 from cartpend_dae.discover import Workbench, discover, refit, splits
 from cartpend_dae.discover.rates import made_anew
+from cartpend_dae.discover.split import Split
+from cartpend_dae.discover.trial import too_little
 from cartpend_dae.effects import catalogue, insertion_at
 from models.rota_damp import RotaDamp
 
@@ -67,6 +69,19 @@ def test_placebo_adds_nothing_and_power_finds_it_again():
     assert power.sentence == (
         "Where `bearing.coulomb_friction` is missing, it was found again in 2 of 2 data sets made so."
     )
+
+
+def test_experiments_that_tell_nothing_are_said_to():
+    assert Split("bearing.a", "bearing.b", (("release", 2.3e-20), ("step", 0.0))).sentence == (
+        "None of 2 experiments tells `bearing.a` from `bearing.b` (evidence of 0.0 at most, where 20 would tell): "
+        "another sensor is needed."
+    )
+
+
+def test_what_gains_nothing_rises_by_no_minus_zero():
+    assert too_little(-1e-9) == "BIC stays as it is"
+    assert too_little(-3.21) == "BIC rises by 3.2"
+    assert too_little(7.0).startswith("BIC falls by 7.0, less than")
 
 
 def test_a_larger_release_splits_two_kinds_of_drag(bench, right):

@@ -140,6 +140,17 @@ def test_a_phone_shows_it_without_moving_sideways(browser, report):
             assert box["height"] >= 32 and box["width"] >= 32
 
 
+def test_a_phone_writes_charts_large_enough_to_read(browser, report):
+    """At least 10 px: drawings shrink with the window, their text must not."""
+    with opened(browser, report, size=PHONE) as page:
+        charts = page.locator(".horizons .chart")
+        size = "c => c.getScreenCTM().a * parseFloat(getComputedStyle(c.querySelector('text')).fontSize)"
+        heights = [chart.evaluate(size) for chart in charts.all()]
+        assert heights and min(heights) >= 10
+        table = page.locator("#ledger table")
+        assert table.evaluate("table => table.scrollWidth <= table.parentElement.clientWidth")
+
+
 def test_four_runs_of_15000_samples_are_ready_within_two_seconds(browser, long_report):
     with opened(browser, long_report) as page:
         assert page.evaluate("window.reportReady") < 2000

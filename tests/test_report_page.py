@@ -133,6 +133,18 @@ def test_the_first_screen_shows_the_run_that_the_fit_never_saw():
     assert ratio == pytest.approx(math.log(row.before / row.after) / math.log(row.before / row.noise))
 
 
+def test_the_errors_of_an_output_have_one_unit_on_all_runs():
+    """Of runs that are off by 12 mm, 5 mm and 11 mm none is told in metres."""
+    result = json.loads(json.dumps(stored_result()))
+    for moment in ("baseline", "final"):
+        for run, rmse in (("release1", 0.0124), ("release2", 0.0053), ("release3", 0.0106)):
+            result[moment]["experiments"][run]["outputs"]["bearing.phi"].update(unit="m", rmse=rmse, noise_sd=2e-5)
+    rows = facts.error_rows(result)
+    assert [row.unit for row in rows] == ["mm"] * 3
+    assert [row.before for row in rows] == pytest.approx([12.4, 5.3, 10.6])
+    assert [row.noise for row in rows] == pytest.approx([0.02] * 3)
+
+
 def test_a_parameter_says_how_far_it_moved():
     rows = {row.name: row for row in facts.parameter_rows(stored_result())}
     assert rows["bearing.coulomb_friction.tau_c"].is_new

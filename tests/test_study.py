@@ -9,7 +9,8 @@ import pytest
 
 from cartpend_dae.errors import StudyError
 from cartpend_dae.study import FreeParameter, load_model, load_study, model_reference, parameter_in_si
-from cartpend_dae.study_schema import ModelReference, data_folder
+from cartpend_dae.study_paths import data_folder
+from cartpend_dae.study_schema import ModelReference
 
 RUN = """
 [[experiment]]
@@ -117,7 +118,16 @@ def run_with(old, new):
     return MODEL + RUN.replace(old, new)
 
 
+def test_the_home_of_nobody_is_refused_where_a_model_is_named():
+    with pytest.raises(StudyError, match=r"The path `~nobody-here/rig.py` begins with `~nobody-here`, whose home"):
+        model_reference("~nobody-here/rig.py:Rig")
+
+
 BROKEN = {
+    "home of nobody": (
+        '[model]\npath = "~nobody-here/rig.py"\n',
+        "`model.path` begins with `~nobody-here`, whose home folder is not known: write the path",
+    ),
     "no model": (RUN, "`model` is missing."),
     "no path": ('[model]\nname = "Rig"\n', "`model.path` is missing."),
     "path is a number": ("[model]\npath = 3\n", "`model.path` is 3; expected a path in quotes."),

@@ -53,7 +53,7 @@ class Split:
         if distance < CLEAR:
             return (
                 f"None of {len(self.ranking)} experiments tells `{self.chosen}` from `{self.rival}` "
-                f"(at most {distance:.2g}, {CLEAR:g} would do): another sensor is needed."
+                f"(evidence of {distance:.1f} at most, where {CLEAR:g} would tell): another sensor is needed."
             )
         return f"To tell `{self.chosen}` from `{self.rival}`, record: {name} (evidence about {distance:.3g})."
 

@@ -218,6 +218,13 @@ def _nearer(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) ->
     return replace(candidate, fit=fit)
 
 
+def too_little(gain: float) -> str:
+    """Say how far BIC falls where that is not enough."""
+    if abs(gain) < 0.05:  # what is written with one digit
+        return "BIC stays as it is"
+    return f"BIC falls by {gain:.1f}, less than {MIN_BIC_GAIN:g}" if gain > 0 else f"BIC rises by {-gain:.1f}"
+
+
 def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> Candidate:
     """Fit a candidate to the end and say whether it is worth its parameters."""
     together = (*base.taken, candidate.insertion)
@@ -225,9 +232,8 @@ def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> 
     fit = bench.fit(together, candidate.fit.point, (0.0,), rules.sd, patient=False)
     parameters = {name: fit.values[name] for name in candidate.insertion.parameter_names}
     gain, t = bic(base.fit) - bic(fit), _white_t(fit, candidate.insertion)
-    change = f"falls by {gain:.1f}, less than {MIN_BIC_GAIN:g}" if gain > 0 else f"rises by {-gain:.1f}"
     coloured = coloured_bic(base.fit) - coloured_bic(fit)
-    why = "" if gain > MIN_BIC_GAIN else f"BIC {change}"
+    why = "" if gain > MIN_BIC_GAIN else too_little(gain)
     if not why and coloured < MIN_BIC_GAIN:
         why = f"with residuals as alike as they are BIC falls by {coloured:.1f} only, less than {MIN_BIC_GAIN:g}"
     if not why and _is_shape_error(base, fit):

@@ -155,7 +155,7 @@ static int inverted(double *matrix, int *pivots)
     }
     for (int c = 0; c < N_Y; c++)
         for (int k = 0; k < N_Y; k++) found[pivots[c] * N_Y + k] = matrix[c * N_Y + pivots[k]];
-    memcpy(matrix, found, sizeof found);
+    memcpy(matrix, found, N_Y * N_Y * sizeof *found);
     return 1;
 }
 

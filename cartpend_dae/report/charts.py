@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from cartpend_dae.everyday import for_people
+from cartpend_dae.report.numbers import number
 from cartpend_dae.report.stored import Run, Series
 
 WIDTH, LEFT, RIGHT = 720.0, 62.0, 8.0
@@ -134,9 +135,9 @@ def panel(
     for value in y.ticks(4):
         at = y(value)
         parts.append(f'<path class="grid" d="M{LEFT:g} {at:.1f}H{width - RIGHT:g}"/>')
-        parts.append(f'<text class="tick y" x="{LEFT - 6:g}" y="{at + 3.5:.1f}">{value:.4g}</text>')
+        parts.append(f'<text class="tick y" x="{LEFT - 6:g}" y="{at + 3.5:.1f}">{number(value, 4)}</text>')
     for value in x.ticks(8) if x_label else ():
-        parts.append(f'<text class="tick x" x="{x(value):.1f}" y="{height - below + 14:.1f}">{value:.4g}</text>')
+        parts.append(f'<text class="tick x" x="{x(value):.1f}" y="{height - below + 14:.1f}">{number(value, 4)}</text>')
     if x_label:
         parts.append(f'<text class="axis x" x="{width - RIGHT:g}" y="{height - 5:.1f}">{escape(x_label)}</text>')
     parts += [f'<path class="curve {line.look}" d="{_path(line, x, y)}"/>' for line in lines]

@@ -117,13 +117,11 @@ def error_rows(result: Json) -> list[ErrorRow]:
     """Return the errors of all outputs on all runs, and the scores of the study."""
     before, after = result["baseline"], result["final"]
     has_after = bool(result["steps"])
-    rows = []
+    rows, scales = [], _scales(before["experiments"])
     for run, head in before["experiments"].items():
         for name, error in head["outputs"].items():
             last = after["experiments"][run]["outputs"][name]
-            factor, unit = for_people(error["unit"])
-            more, unit = prefixed(unit, factor * error["rmse"])
-            factor, noise = factor * more, error.get("noise_sd")
+            (factor, unit), noise = scales[name], error.get("noise_sd")
             rows.append(
                 ErrorRow(
                     run,
@@ -137,6 +135,22 @@ def error_rows(result: Json) -> list[ErrorRow]:
                 )
             )
     return rows
+
+
+def _scales(experiments: Json) -> dict[str, tuple[float, str]]:
+    """Return factor and unit of each output, the same on all runs, so that their errors can be compared."""
+    units: dict[str, str] = {}
+    least: dict[str, float] = {}
+    for head in experiments.values():
+        for name, error in head["outputs"].items():
+            units[name] = error["unit"]
+            least[name] = min(error["rmse"], least.get(name, math.inf))
+    scales = {}
+    for name, given in units.items():
+        factor, unit = for_people(given)
+        more, unit = prefixed(unit, factor * least[name])
+        scales[name] = factor * more, unit
+    return scales
 
 
 def score_rows(result: Json) -> list[ErrorRow]:

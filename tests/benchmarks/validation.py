@@ -22,7 +22,7 @@ from benchmarks import coverage_text  # noqa: E402
 from benchmarks.page import recorded  # noqa: E402
 
 from cartpend_dae.discover import discover  # noqa: E402
-from cartpend_dae.study_schema import data_folder  # noqa: E402
+from cartpend_dae.study_paths import data_folder  # noqa: E402
 
 STUDIES = ROOT / "models" / "studies"
 

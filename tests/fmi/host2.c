@@ -1,8 +1,8 @@
 /* An importer of FMI 2.0: host2 LIBRARY GUID N_VARIABLES N_STATES N_INDICATORS KINDS MODE
  *
  * KINDS is me, cs or both. MODE `run` runs as model exchange by Euler steps with events, and as co-simulation, reads and
- * writes every variable, and saves, serialises and restores on the way. MODE `random N` makes N random calls, in any
- * order, with any arguments. MODE `sequences N` makes N sequences of up to 60 such calls, each from its own random numbers
+ * writes every variable, saves, serialises and restores on the way, and prints how many variables took a value and what
+ * all are after the steps of co-simulation. MODE `random N` makes N random calls, in any order, with any arguments. MODE `sequences N` makes N sequences of up to 60 such calls, each from its own random numbers
  * with instances of its own, and frees all at its end. The variables' types are asked from the FMU itself. */
 #include "fmi2Functions.h"
 #include "host.h"
@@ -79,10 +79,17 @@ static void check_saved(fmi2Component c) {
     free(bytes);
 }
 
+static void print_values(fmi2Component c) {
+    double real = 0;
+    for (fmi2ValueReference vr = 0; vr < n_variables; vr++)
+        if (GetReal(c, &vr, 1, &real) == fmi2OK)
+            printf("value %u %.17g\n", vr, real);
+}
+
 static void initialise(fmi2Component c) {
     CHECK(SetupExperiment(c, fmi2True, 1e-6, 0, fmi2True, 1) == fmi2OK);
     CHECK(EnterInitializationMode(c) == fmi2OK);
-    touch_all(c);
+    printf("%u written\n", touch_all(c));
     CHECK(ExitInitializationMode(c) == fmi2OK);
 }
 
@@ -146,6 +153,7 @@ static void run_co_simulation(void) {
             check_saved(c);
         }
     }
+    print_values(c);
     CHECK(GetRealStatus(c, fmi2LastSuccessfulTime, &reached) == fmi2OK && fabs(reached - time) < 1e-12);
     CHECK(GetBooleanStatus(c, fmi2Terminated, &ended) == fmi2OK && !ended);
     CHECK(DoStep(c, time + 1, 0.01, fmi2True) == fmi2Error && DoStep(c, time, -1, fmi2True) == fmi2Error);

@@ -1,10 +1,10 @@
 /* An importer of FMI 3.0: host3 LIBRARY TOKEN N_VARIABLES N_STATES N_INDICATORS KINDS MODE
  *
  * KINDS is me, cs or both. MODE `run` runs as model exchange by Euler steps with events, and as co-simulation with and
- * without event mode, early return and intermediate update; reads and writes every variable, and saves, serialises and
- * restores on the way. MODE `random N` makes N random calls, in any order, with any arguments; MODE `sequences N` makes N
- * sequences of up to 60 such calls, each from its own random numbers with instances of its own, and frees all at its
- * end. */
+ * without event mode, early return and intermediate update; reads and writes every variable, saves, serialises and
+ * restores on the way, and prints how many variables took a value and what all are after the steps of each co-simulation.
+ * MODE `random N` makes N random calls, in any order, with any arguments; MODE `sequences N` makes N sequences of up to 60
+ * such calls, each from its own random numbers with instances of its own, and frees all at its end. */
 #include <stdbool.h>
 
 #include "fmi3Functions.h"
@@ -121,9 +121,16 @@ static void check_saved(fmi3Instance c) {
     free(bytes);
 }
 
+static void print_values(fmi3Instance c) {
+    double real = 0;
+    for (fmi3ValueReference vr = 0; vr < n_variables; vr++)
+        if (GetFloat64(c, &vr, 1, &real, 1) == fmi3OK)
+            printf("value %u %.17g\n", vr, real);
+}
+
 static void initialise(fmi3Instance c) {
     CHECK(EnterInitializationMode(c, true, 1e-6, 0, true, 1) == fmi3OK);
-    touch_all(c);
+    printf("%u written\n", touch_all(c));
     CHECK(ExitInitializationMode(c) == fmi3OK);
 }
 
@@ -192,6 +199,7 @@ static void run_co_simulation(bool event_mode, bool early, fmi3IntermediateUpdat
         if (step == 10)
             check_saved(c);
     }
+    print_values(c);
     CHECK(event_mode || EnterEventMode(c) == fmi3Error);
     CHECK(DoStep(c, time + 1, 0.01, true, &needs_event, &ends, &is_early, &next) == fmi3Error);
     CHECK(DoStep(c, time, -1, true, &needs_event, &ends, &is_early, &next) == fmi3Error);

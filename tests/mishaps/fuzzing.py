@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from fuzz.readers import CORPUS, READERS
@@ -23,10 +24,11 @@ def has_atheris() -> bool:
     return importlib.util.find_spec("atheris") is not None
 
 
-def fuzzed(folder: Path, seconds: float, keep: bool = False) -> list[Row]:
-    """Run every reader under atheris for so many seconds each."""
+def fuzzed(folder: Path, seconds: float, names: Sequence[str] = tuple(READERS), *, keep: bool = False) -> list[Row]:
+    """Run readers under atheris for so many seconds each."""
     rows = []
-    for name, reader in READERS.items():
+    for name in names:
+        reader = READERS[name]
         mine = folder / name
         mine.mkdir(parents=True)
         for k, content in enumerate(reader.seeds()):
@@ -40,7 +42,7 @@ def fuzzed(folder: Path, seconds: float, keep: bool = False) -> list[Row]:
             print(name, path.read_text()[-1500:], flush=True)
         if keep:
             _keep(name, mine)
-        what = f"{len(found)} faults" + (f", died {deaths} times" if deaths else "")
+        what = ("1 fault" if len(found) == 1 else f"{len(found)} faults") + (f", died {deaths} times" if deaths else "")
         done = f"`{name}`: any bytes, led by what they reach (atheris), {seconds:.0f} s"
         rows.append(Row("fuzzed reader", done, runs, what, len(found) + deaths))
     return rows
@@ -67,14 +69,18 @@ def _run(name: str, faults: Path, corpus: Path, seconds: float) -> tuple[int, in
 
 
 def _keep(name: str, corpus: Path) -> None:
-    """Keep the smallest files that reach what all reach."""
+    """Keep the smallest files that reach what all reach, beside those of a corpus that have a name of their own."""
     small = corpus.with_name(f"{name}-small")
     small.mkdir()
     command = [sys.executable, str(PROGRAM), name, str(small / "no"), "-merge=1", str(small), str(corpus)]
-    subprocess.run([*command, "-timeout=30"], capture_output=True, check=False, cwd=corpus.parent)
-    target = CORPUS / name
-    shutil.rmtree(target, ignore_errors=True)
-    target.mkdir(parents=True)
+    done = subprocess.run([*command, "-timeout=30"], capture_output=True, check=False, cwd=corpus.parent)
     files = sorted((path for path in small.iterdir() if path.is_file()), key=lambda path: path.stat().st_size)
+    if not files:
+        raise RuntimeError(f"No corpus of `{name}` can be kept: {done.stderr.decode(errors='replace')[-300:]}")
+    target = CORPUS / name
+    target.mkdir(parents=True, exist_ok=True)
+    for path in target.glob("*"):
+        if re.fullmatch("[0-9a-f]{40}", path.name):  # of an earlier run
+            path.unlink()
     for path in [path for path in files if path.stat().st_size <= BYTES][-FILES:]:
         shutil.copy(path, target / path.name)
