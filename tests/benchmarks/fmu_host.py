@@ -17,7 +17,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
-from benchmarks.fmus import MODELS, TUBE  # noqa: E402
+from benchmarks.fmus import AMPLITUDES, MODELS, TUBE  # noqa: E402
 from benchmarks.page import put_section, record, recorded  # noqa: E402
 from fmi_bench import VERSIONS, description_of, exported, system_of  # noqa: E402
 from fmi_host import SANITIZED, host, library, run, sequences  # noqa: E402
@@ -37,7 +37,8 @@ def measured(name, n):
     system, row = system_of(name), {}
     for version in VERSIONS:
         begun = time.perf_counter()
-        said = run([host(version, *SANITIZED), library(name, version, *SANITIZED)], name, version, "run", limit=LIMIT)
+        program = [host(version, *SANITIZED), library(name, version, *SANITIZED)]
+        said = run(program, name, version, "run", *driven(system, name, version), limit=LIMIT)
         assert " 0 failures" in said, said
         calls, _ = sequences(name, version, n, limit=LIMIT)
         use, worst = worst_use(system, description_of(name, version), said)
@@ -52,6 +53,12 @@ def measured(name, n):
         }
         shutil.rmtree(exported(name, version), ignore_errors=True)
     return row
+
+
+def driven(system, name, version):
+    """Return a constant value for each input, as the importer takes them."""
+    numbers = {v.name: v.valueReference for v in description_of(name, version).modelVariables}
+    return [f"{numbers[each]}:{AMPLITUDES.get(each, 0.1)}" for each in system.inputs]
 
 
 def ends(said):

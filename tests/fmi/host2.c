@@ -1,9 +1,11 @@
 /* An importer of FMI 2.0: host2 LIBRARY GUID N_VARIABLES N_STATES N_INDICATORS KINDS MODE
  *
- * KINDS is me, cs or both. MODE `run` runs as model exchange by Euler steps with events, and as co-simulation, reads and
- * writes every variable, saves, serialises and restores on the way, and prints how many variables took a value and what
- * all are after the steps of co-simulation. MODE `random N` makes N random calls, in any order, with any arguments. MODE `sequences N` makes N sequences of up to 60 such calls, each from its own random numbers
- * with instances of its own, and frees all at its end. The variables' types are asked from the FMU itself. */
+ * KINDS is me, cs or both. MODE `run` runs as model exchange by Euler steps with events, and as co-simulation, reads
+ * and writes every variable, saves, serialises and restores on the way, and prints how many variables took a value and
+ * what all are after the steps of co-simulation; what follows it as NUMBER:VALUE are inputs. MODE `random N` makes N
+ * random calls, in any order, with any arguments. MODE `sequences N` makes N sequences of up to 60 such calls, each
+ * from its own random numbers with instances of its own, and frees all at its end. The variables' types are asked from
+ * the FMU itself. */
 #include "fmi2Functions.h"
 #include "host.h"
 
@@ -79,6 +81,8 @@ static void check_saved(fmi2Component c) {
     free(bytes);
 }
 
+static char *none = NULL, **inputs = &none;
+
 static void print_values(fmi2Component c) {
     double real = 0;
     for (fmi2ValueReference vr = 0; vr < n_variables; vr++)
@@ -90,6 +94,11 @@ static void initialise(fmi2Component c) {
     CHECK(SetupExperiment(c, fmi2True, 1e-6, 0, fmi2True, 1) == fmi2OK);
     CHECK(EnterInitializationMode(c) == fmi2OK);
     printf("%u written\n", touch_all(c));
+    for (char **given = inputs; *given; given++) {
+        fmi2ValueReference vr = 0;
+        double value = 0;
+        CHECK(sscanf(*given, "%u:%lf", &vr, &value) == 2 && SetReal(c, &vr, 1, &value) == fmi2OK);
+    }
     CHECK(ExitInitializationMode(c) == fmi2OK);
 }
 
@@ -280,6 +289,7 @@ int main(int argc, char **argv) {
     CHECK(!Instantiate("host", fmi2ModelExchange, "wrong", NULL, &callbacks, 0, 0));
     CHECK(!Instantiate("host", fmi2ModelExchange, NULL, NULL, &callbacks, 0, 0));
     if (!strcmp(argv[7], "run")) {
+        inputs = argv + 8;
         if (strcmp(argv[6], "cs"))
             run_model_exchange();
         if (strcmp(argv[6], "me"))

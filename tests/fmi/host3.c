@@ -2,9 +2,10 @@
  *
  * KINDS is me, cs or both. MODE `run` runs as model exchange by Euler steps with events, and as co-simulation with and
  * without event mode, early return and intermediate update; reads and writes every variable, saves, serialises and
- * restores on the way, and prints how many variables took a value and what all are after the steps of each co-simulation.
- * MODE `random N` makes N random calls, in any order, with any arguments; MODE `sequences N` makes N sequences of up to 60
- * such calls, each from its own random numbers with instances of its own, and frees all at its end. */
+ * restores on the way, and prints how many variables took a value and what all are after the steps of each
+ * co-simulation; what follows it as NUMBER:VALUE are inputs. MODE `random N` makes N random calls, in any order, with
+ * any arguments; MODE `sequences N` makes N sequences of up to 60 such calls, each from its own random numbers with
+ * instances of its own, and frees all at its end. */
 #include <stdbool.h>
 
 #include "fmi3Functions.h"
@@ -121,6 +122,8 @@ static void check_saved(fmi3Instance c) {
     free(bytes);
 }
 
+static char *none = NULL, **inputs = &none;
+
 static void print_values(fmi3Instance c) {
     double real = 0;
     for (fmi3ValueReference vr = 0; vr < n_variables; vr++)
@@ -131,6 +134,11 @@ static void print_values(fmi3Instance c) {
 static void initialise(fmi3Instance c) {
     CHECK(EnterInitializationMode(c, true, 1e-6, 0, true, 1) == fmi3OK);
     printf("%u written\n", touch_all(c));
+    for (char **given = inputs; *given; given++) {
+        fmi3ValueReference vr = 0;
+        double value = 0;
+        CHECK(sscanf(*given, "%u:%lf", &vr, &value) == 2 && SetFloat64(c, &vr, 1, &value, 1) == fmi3OK);
+    }
     CHECK(ExitInitializationMode(c) == fmi3OK);
 }
 
@@ -328,6 +336,7 @@ int main(int argc, char **argv) {
     CHECK(!exchange("wrong") && !exchange(NULL) && !simulation("wrong", false, false, NULL));
     CHECK(!InstantiateScheduledExecution("host", token, NULL, false, false, NULL, log_message, NULL, NULL, NULL));
     if (!strcmp(argv[7], "run")) {
+        inputs = argv + 8;
         if (strcmp(argv[6], "cs"))
             run_model_exchange();
         for (int kind = 0; kind < 4 && strcmp(argv[6], "me"); kind++)
