@@ -19,8 +19,11 @@ class Robust:
 
 
 def determined(fit: Fit | None) -> int:
-    """Return how many numbers describe a fit: its parameters inside their bounds, less the directions left open."""
-    return 0 if fit is None else sum(e.status != "at-bound" for e in fit.parameters) - len(fit.blind)
+    """Return how many numbers describe a fit: its parameters, less the directions that the data leave open.
+
+    One on its bound counts: which of several end there is found from the data as well.
+    """
+    return 0 if fit is None else len(fit.parameters) - len(fit.blind)
 
 
 def bic(fit: Fit) -> float:

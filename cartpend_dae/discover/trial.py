@@ -26,7 +26,7 @@ FEW, HALF = 5, 0.5
 # where no effect explains this share of chi2, the injection hides what is missing
 HIDDEN = 0.1
 # effects of one parameter are fitted as well where their prediction is behind by less than this share
-CLOSE = 0.2
+CLOSE = 0.5
 # predictions below this share of the best one are not fitted
 FAINT = 0.03
 # those that leave so many times more than the best one, with the least injection, are not fitted to the end; what the
@@ -89,13 +89,16 @@ def _screened_where_it_shows(
 ) -> tuple[float, list[Candidate]]:
     """Screen with the injection of the stage of screening, or with less, or none, where that hides what is missing."""
     stages = sorted((w for w in base.fits if w <= rules.screening), reverse=True)
-    found = rules.screening, list[Candidate]()
+    best, most = (rules.screening, list[Candidate]()), -1.0
     for stage in stages:
         fit = base.fits[stage]
-        found = stage, screen(bench, base.taken, fit.point, options, stage, rules.sd)
-        if any(not c.why_not and c.predicted > HIDDEN * fit.chi2 for c in found[1]):
+        screened = screen(bench, base.taken, fit.point, options, stage, rules.sd)
+        share = max((c.predicted for c in screened if not c.why_not), default=0.0) / fit.chi2
+        if share > most:
+            best, most = (stage, screened), share
+        if share > HIDDEN:
             break
-    return found
+    return best
 
 
 def _shows(candidate: Candidate, fit: Fit) -> bool:
