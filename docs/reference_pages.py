@@ -13,13 +13,14 @@ from pydantic import TypeAdapter
 from typer import Context
 from typer.cli import get_docs_for_click
 
-from cartpend_dae import study_schema
+from cartpend_dae import library, study_schema
 from cartpend_dae.cli import COMMANDS, loaded
 from cartpend_dae.shelf import Entry, components
 
 DOCS = Path(__file__).resolve().parent
 GENERATED = DOCS / "reference" / "generated"
 ARCHITECTURE = DOCS / "architecture.md"
+LIBRARY = Path(library.__file__).parent
 MARKS = "<!-- files: made by python docs/reference_pages.py -->\n", "<!-- end of files -->\n"
 FOLDERS = ("cartpend_dae", "models")
 
@@ -52,7 +53,7 @@ def module_table() -> str:
     """Return the table of the modules of the library, by the first sentences of their docstrings."""
     lines = ["| module | what it holds |", "|---|---|"]
     for module, _ in groupby(components(), _module):
-        sentence = _first_sentence(DOCS.parent / "cartpend_dae" / "library" / f"{module}.py")
+        sentence = _first_sentence(LIBRARY / f"{module}.py")
         lines.append(f"| [{module}](generated/components/{module}.md) | {sentence} |")
     return "\n".join(lines) + "\n"
 

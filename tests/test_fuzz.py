@@ -65,5 +65,7 @@ def test_a_file_that_crashes_its_reader_is_refused(tmp_path):
     path = tmp_path / "run.mat"
     path.write_bytes((CORPUS / "mat" / "crash-in-scipy").read_bytes())
     assert not survives(lambda: __import__("scipy.io").io.loadmat(path)), "scipy has mended it: the test needs another"
-    with pytest.raises(StudyError, match="the file is damaged, so that what reads it crashes"):
+    # what the library does depends on memory that it reads beyond the file: now and then it finds a length and refuses
+    refused = "the file is damaged, so that what reads it crashes|is not a MATLAB file that can be read"
+    with pytest.raises(StudyError, match=refused):
         READERS["mat"].read(path)
