@@ -5,12 +5,13 @@ from functools import cache
 
 import numpy as np
 
-from cartpend_dae import assemble, simulate
+from cartpend_dae import assemble, connect, simulate
 from cartpend_dae.data import Channel, Experiment, Start
 from cartpend_dae.discover.workbench import renamed
 from cartpend_dae.effects import Insertion, catalogue, insert
 from cartpend_dae.effects.card import E, R, T
 from cartpend_dae.effects.places import place_at
+from cartpend_dae.library.rotational import Spring
 from cartpend_dae.problem import free_parameter, make_problem
 from cartpend_dae.shooting import linearised
 from models.driven_cart import DrivenCart
@@ -40,6 +41,20 @@ class Rig:
         return drive(self.pace * time)
 
 
+class SprungPendulum(RotaDamp):
+    """The pendulum with a spring to ground."""
+
+    def __post_init__(self):
+        super().__post_init__()
+        self.spring = Spring(c=0.4, phi_rel0=-0.1)
+
+    def equations(self):
+        yield from super().equations()
+        yield connect(self.ground.flange, self.spring.flange_a)
+        yield connect(self.spring.flange_b, self.bearing.flange_b)
+
+
+SPRUNG = Rig(SprungPendulum, ("bearing.phi",), (), (("bearing.phi", 1.2), ("bearing.w", 0.0)))
 PENDULUM = Rig(RotaDamp, ("bearing.phi",), (), (("bearing.phi", 1.2), ("bearing.w", 0.0)))
 SPRINGS = Rig(LinearDampMod, ("encoder.s",))
 DRIVEN = Rig(DrivenCart, ("encoder.s", "bearing.phi", "motor.i"), ("amplifier.u",))
@@ -55,6 +70,8 @@ SHOWN = {
     ("sensor", None): (PENDULUM, "bearing.phi"),
 }
 ELSEWHERE = {
+    ("one_sided_spring", R): (SPRUNG, "spring"),
+    ("one_sided_spring", T): (SPRINGS, "spring_1"),
     ("base_compliance", R): (PENDULUM, "ground.flange"),
     ("base_compliance", T): (SPRINGS, "left.flange"),
     ("torque_ripple", None): (DRIVEN, "motor.emf.k"),
@@ -75,7 +92,8 @@ SIZES = {
 }  # fmt: skip
 OTHER_SIZES = {
     ("linear_stiffness", T): {"c": 200.0},
-    ("one_sided_spring", T): {"c": 300.0},
+    ("one_sided_spring", R): {"e": 0.8, "phi_0": 0.2},
+    ("one_sided_spring", T): {"e": 0.8, "s_0": 0.02},
     ("end_stop", T): {"c": 1e4, "s_m": 0.05},
     ("end_stop", R): {"c": 0.5, "phi_m": 0.4},
     ("cable_drag", T): {"c": 100.0},

@@ -22,13 +22,18 @@ from cartpend_dae.transcribe import stack_data
 CHANCE = 0.01
 # jackknife standard deviations by which a size must differ from zero
 MIN_T = 3.0
-# candidates whose criterion differs by less explain the data alike
-ALIKE = 20.0
+# candidates whose criterion differs by less, or this share of what the best one gains, explain the data alike
+ALIKE, ALIKE_SHARE = 20.0, 0.03
 EARLY = 8
+# fits follow the bandwidth that suits the forces found, until it changes by less than this factor, so often at most
+SETTLED, ROUNDS = 1.5, 3
+# then steps of Gauss and Newton go on to the largest likelihood, at most so many, until -2 ln likelihood falls by less
+STEPS, LITTLE = 4, 1.0
 # sensitivities beyond this are those of a simulation that runs away
 DIVERGED = 1e50
 # columns of which no more is left are not told from what is fitted already
 BLIND = 1e-8
+TINY = 1e-150
 
 
 def penalty(n_options: int) -> float:
@@ -69,8 +74,39 @@ def fitted(
     if not np.isfinite(first.chi2):
         raise SolverError("its simulation diverges")
     weighed = weigh(bench, taken, loads, first.point, bandwidth, sd, near=near, is_rough=near is not None)
-    fit = bench.fit(taken, first.point, (weighed.bandwidth,), sd, patient=False)
-    return fit, weigh(bench, taken, loads, fit.point, weighed.bandwidth, sd, near=weighed.forces)
+    fit = first
+    for _ in range(ROUNDS):
+        used = weighed.bandwidth
+        fit = bench.fit(taken, fit.point, (used,), sd, patient=False)
+        weighed = weigh(bench, taken, loads, fit.point, used, sd, near=weighed.forces)
+        if max(used, weighed.bandwidth) < SETTLED * min(used, weighed.bandwidth):
+            break
+    return _likelier(bench, taken, loads, fit, weighed, sd)
+
+
+def _likelier(
+    bench: Workbench,
+    taken: tuple[Insertion, ...],
+    loads: tuple[Insertion, ...],
+    fit: Fit,
+    weighed: Weighed,
+    sd: np.ndarray,
+) -> tuple[Fit, Weighed]:
+    """Go on from a fit of predictions towards the largest likelihood, as long as it rises."""
+    bandwidth = float(fit.bandwidth[0])
+    for _ in range(STEPS):
+        try:
+            ahead = bench.fit(taken, weighed.next, (bandwidth,), sd, patient=False, iterations=0)
+            after = weigh(bench, taken, loads, ahead.point, bandwidth, sd, near=weighed.forces)
+        except SolverError:  # it diverges there
+            break
+        gain = weighed.criterion - after.criterion
+        if not gain > 0:
+            break
+        fit, weighed = ahead, after
+        if gain < LITTLE:
+            break
+    return fit, weighed
 
 
 def predictions(batch: list[Candidate], found: Sweep, base: Weighed) -> list[Candidate]:
@@ -92,15 +128,30 @@ def predictions(batch: list[Candidate], found: Sweep, base: Weighed) -> list[Can
     rows = base.chain.spread(np.column_stack([*known, *(found.sizes[name] for name in names)]))
     sizes = np.array([share * base.forces.sizes for share in LEFT])
     white = whitened(base.chain, rows, sizes, np.tile(base.forces.times, (len(LEFT), 1)))
-    flat = [one[base.chain.measured] for one in white.rows]
-    grams = [one.T @ one for one in flat]
+    grams = [_new(one[base.chain.measured], len(known)) for one in white.rows]
     n = int(base.chain.measured.sum())
-    place = {name: len(known) + i for i, name in enumerate(names)}
+    place = {name: 1 + i for i, name in enumerate(names)}
     lost = [replace(c, predicted=0.0, why_not=c.why_not or "its simulation diverges") for c in diverged]
     return lost + [
-        _predicted(c, [place[x] for x in c.insertion.size_names], grams, white.determinant, n, base, len(known))
-        for c in batch
+        _predicted(c, [place[x] for x in c.insertion.size_names], grams, white.determinant, n, base) for c in batch
     ]
+
+
+def _new(rows: np.ndarray, n_known: int) -> np.ndarray:
+    """Return the products of the residual and of columns of length one, without what is fitted already.
+
+    Parameters
+    ----------
+    rows
+        Residual, `n_known` - 1 columns of what is fitted already, and others, shape (n, m).
+    """
+    fitted_already, others = rows[:, 1:n_known], rows[:, n_known:]
+    size = np.linalg.norm(fitted_already, axis=0)
+    vectors, values, _ = np.linalg.svd(fitted_already[:, size > 0] / size[size > 0], full_matrices=False)
+    basis = vectors[:, values > BLIND * values.max(initial=0.0)]
+    columns = np.column_stack([rows[:, 0], others / np.maximum(np.linalg.norm(others, axis=0), TINY)])
+    left = columns - basis @ (basis.T @ columns)
+    return np.vstack([left.T @ left, np.r_[1.0, np.maximum(np.linalg.norm(others, axis=0), TINY)]])
 
 
 def _predicted(
@@ -110,13 +161,12 @@ def _predicted(
     determinants: np.ndarray,
     n: int,
     base: Weighed,
-    n_known: int,
 ) -> Candidate:
     kind = candidate.insertion.place.kind
     bounds = [item.bounds_at(kind) for item in candidate.insertion.parameters if item.role == "size"]
     best, sizes = np.inf, np.zeros(len(own))
     for gram, determinant in zip(grams, determinants, strict=True):
-        squares, found = _bounded(gram, own, n_known, bounds)
+        squares, found = _bounded(gram, own, bounds)
         value = float(likelihood(n, squares, determinant))
         if value < best:
             best, sizes = value, found
@@ -128,27 +178,20 @@ def _predicted(
     return replace(candidate, predicted=gain, parameters=values)
 
 
-def _bounded(
-    gram: np.ndarray, own: list[int], n_known: int, bounds: list[tuple[float, float]]
-) -> tuple[float, np.ndarray]:
-    """Minimise the squares over what is fitted already, and the sizes within their bounds, from products alone."""
-    scale = 1 / np.sqrt(np.clip(np.diag(gram), 1e-300, None))
-    scale[0] = 1.0
-    gram = gram * np.outer(scale, scale)
-    fixed, rest = list(range(1, n_known)), [0, *own]
-    across = np.linalg.lstsq(gram[np.ix_(fixed, fixed)], gram[np.ix_(fixed, rest)], rcond=1e-10)[0]
-    left = gram[np.ix_(rest, rest)] - gram[np.ix_(rest, fixed)] @ across
-    values, vectors = np.linalg.eigh(left[1:, 1:])
+def _bounded(gram: np.ndarray, own: list[int], bounds: list[tuple[float, float]]) -> tuple[float, np.ndarray]:
+    """Minimise the squares over the sizes within their bounds, from products alone."""
+    products, lengths = gram[:-1], gram[-1]
+    values, vectors = np.linalg.eigh(products[np.ix_(own, own)])
     good = values > BLIND  # of columns of length one, before what is fitted already is taken out
-    root = np.sqrt(values[good])
-    matrix, target = root[:, None] * vectors[:, good].T, -(vectors[:, good] / root).T @ left[1:, 0]
-    low, high = (np.array(side) / scale[own] for side in zip(*bounds, strict=True))
     if not good.any():
-        return float(left[0, 0]), np.zeros(len(own))
+        return float(products[0, 0]), np.zeros(len(own))
+    root = np.sqrt(values[good])
+    matrix, target = root[:, None] * vectors[:, good].T, -(vectors[:, good] / root).T @ products[own, 0]
+    low, high = (np.array(side) * lengths[own] for side in zip(*bounds, strict=True))
     found = lsq_linear(matrix, target, (low, high), method="bvls", tol=1e-12).x
     found[np.abs(found) < 1e-6 * np.abs(found).max(initial=0.0)] = 0.0
-    squares = left[0, 0] + 2 * left[1:, 0] @ found + found @ left[1:, 1:] @ found
-    return max(float(squares), 0.0), found * scale[own]
+    squares = products[0, 0] + 2 * products[own, 0] @ found + found @ products[np.ix_(own, own)] @ found
+    return max(float(squares), 0.0), found / lengths[own]
 
 
 def judge(
@@ -164,7 +207,7 @@ def judge(
 
     It must raise the likelihood by more than chance in a library of this size, predict blocks of time from the others
     better, and runs kept for selection if there are any; and one of its sizes must differ from zero in all parts of
-    the data.
+    the data, or the blocks left out be predicted better by more than chance.
     """
     before, weighed = base
     together = (*taken, candidate.insertion)
@@ -183,10 +226,11 @@ def judge(
         why = f"against random forces -2 ln likelihood falls by {gain:.1f}, less than {needed:.1f}"
     elif weighed.validated < after.validated:
         why = "parts of the data left out are predicted worse with it"
-    elif t < MIN_T:
+    elif t < MIN_T and weighed.validated - after.validated < needed:
         why = f"its size differs between parts of the data: {t:.1f} jackknife sds from zero"
     elif not _helps_selection(bench, taken, together, before, fit, sd):
         why = "the runs kept for selection are predicted worse with it"
+    why = why or candidate.insertion.contradiction(fit.values)
     return replace(candidate, parameters=parameters, gain=gain, t=float(t), fit=fit, why_not=why)
 
 
@@ -221,6 +265,7 @@ def ordered(judged: list[Candidate], second: Callable[[Candidate, Candidate], st
     good = [c for c in found if not c.why_not]
     if not good:
         return found
-    alike = [c for c in good if good[0].gain - c.gain < ALIKE]
+    margin = max(ALIKE, ALIKE_SHARE * good[0].gain)
+    alike = [c for c in good if good[0].gain - c.gain < margin]
     first = min(alike, key=lambda c: (determined(c.fit), -c.gain))
     return [first, *(replace(c, why_not=c.why_not or second(c, first)) for c in found if c is not first)]

@@ -1,11 +1,12 @@
 """Stage 4: add what the data ask for, one effect after the other, and take back what they no longer need."""
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cartpend_dae.discover.choice import NEAR, are_parallel, step_of
+from cartpend_dae.discover.choice import NEAR, SHAPE, are_parallel, step_of
 from cartpend_dae.discover.disturbed import ALIKE, fitted, penalty
 from cartpend_dae.discover.evidence import bic, with_robust_sd
 from cartpend_dae.discover.gate import residuals
@@ -15,10 +16,11 @@ from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdi
 from cartpend_dae.discover.regime import best_bandwidth
 from cartpend_dae.discover.screen import candidates, is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import MIN_BIC_GAIN, is_nearly_all, try_all
+from cartpend_dae.discover.trial import MIN_BIC_GAIN, try_all
 from cartpend_dae.discover.weigh import loads_at, weigh
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place
+from cartpend_dae.errors import SolverError
 from cartpend_dae.identify import Fit
 
 # regimes in which more than noise moves the rig
@@ -62,30 +64,29 @@ def search(
     if regime is None and any(run.score != "free" for run in bench.setup.train):
         regime = "disturbances"  # who scores predictions knows that a free simulation drifts
     log = _Log()
-    rules, start = noise, base
+    rules, start, bare = noise, base, base
     library = (cards, places)
     try:
         if regime not in MOVED:
             base = _grow(bench, start, rules, library, max_steps, log)
-        if regime in MOVED or (regime is None and residuals(base.fit).is_passed):
+        if regime == "disturbances":
+            rules, start = _disturbed(bench, noise, start, log, library)
+            log.steps, log.base = [], None
+            base = _grow(bench, start, rules, library, max_steps, log)
+        elif regime == "forces" or (regime is None and residuals(base.fit).is_passed):
             # no sum of effects leaves noise alone, so that something else moves the rig as well
-            if is_nearly_all(base):  # what is left is small: the free simulation stands, its sds are those of blocks
-                rules = replace(noise, regime="disturbances")
-            else:
-                rules, start = (
-                    _forced(bench, noise, start)
-                    if regime == "forces"
-                    else _disturbed(bench, noise, start, log, library)
-                )
-                log.steps, log.base = [], None
-                base = _grow(bench, start, rules, library, max_steps, log)
+            without, found = (start, base), log.steps
+            rules, start = _forced(bench, noise, start)
+            log.steps, log.base = [], None
+            base = _grow(bench, start, rules, library, max_steps, log)
+            if found and not log.steps:  # what is wrong at a sensor, the injection that suits the forces hides
+                rules, (start, base), log.steps = replace(noise, regime="disturbances"), without, found
     except KeyboardInterrupt:
         log.is_interrupted, base = True, log.base or start
     last_gate = residuals(base.fit)
     is_left = last_gate.is_passed or _pushes_remain(start, base)
-    if rules.regime == "forces":  # before and after are compared with the output injection that suits the last
-        bandwidth = float(base.fit.bandwidth[0])
-        start = Base((), {bandwidth: bench.fit((), start.fit.point, (bandwidth,), rules.sd)})
+    if rules.regime == "forces":
+        start, base = _compared(bench, bare, start, base, rules)
     return Search(
         rules.regime,
         float(base.fit.bandwidth[0]),
@@ -108,6 +109,20 @@ class _Log:
     tried: dict[str, Candidate] = field(default_factory=dict)
     base: Base | None = None
     is_interrupted: bool = False
+
+
+def _compared(bench: Workbench, bare: Base, start: Base, base: Base, rules: Rules) -> tuple[Base, Base]:
+    """Return the models before and after with fits that can be compared: of the free simulation, where that is better.
+
+    Where it is not, both have the output injection that suits the last.
+    """
+    if base.taken:
+        with contextlib.suppress(SolverError):
+            free = bench.fit(base.taken, base.fit.point, (0.0,), rules.sd, patient=False)
+            if free.chi2 < bare.fit.chi2:
+                return bare, replace(base, fits={**base.fits, 0.0: free})
+    bandwidth = float(base.fit.bandwidth[0])
+    return Base((), {bandwidth: bench.fit((), start.fit.point, (bandwidth,), rules.sd)}), base
 
 
 def _disturbed(bench: Workbench, noise: Rules, base: Base, log: _Log, library: _Library) -> tuple[Rules, Base]:
@@ -148,6 +163,7 @@ def _forced(bench: Workbench, noise: Rules, base: Base) -> tuple[Rules, Base]:
 
 def _grow(bench: Workbench, base: Base, rules: Rules, library: _Library, max_steps: int, log: _Log) -> Base:
     """Add effects while there is structure; the free simulation has it, so there is always a first round."""
+    first = base
     while len(log.steps) < max_steps:
         options = candidates(*library, base.taken)
         if rules.regime == "noise" and log.steps:
@@ -166,6 +182,8 @@ def _grow(bench: Workbench, base: Base, rules: Rules, library: _Library, max_ste
         log.steps, log.base = steps, base
         if rules.regime != "forces" and not residuals(base.fit).is_passed:
             break
+        if _push_left(first, base) < SHAPE:  # what is left may be what the laws found are wrong by
+            break
     return base
 
 
@@ -174,7 +192,8 @@ def _supported(bench: Workbench, base: Base, rules: Rules, options: list[Inserti
 
     What an effect leaves may be the error of its law, or disturbances; a second one must do better than both.
     """
-    point, bandwidth = base.fits[rules.screening].point, rules.screening
+    bandwidth = max(w for w in base.fits if w <= rules.screening)
+    point = base.fits[bandwidth].point
     weighed = weigh(bench, base.taken, rules.loads, point, bandwidth, rules.sd)
     screened = screen(bench, base.taken, point, options, bandwidth, rules.sd, weighed=weighed)
     cost = penalty(len(options))
@@ -196,11 +215,18 @@ def _pushes_remain(before: Base, after: Base) -> bool:
 
     Innovations are white where a random force stands for what is missing; its size tells.
     """
+    return before.weighed is not None and _push_left(before, after) > MUCH
+
+
+def _push_left(before: Base, after: Base) -> float:
+    """Return the random forces found over those without any additions, at low frequency; infinite if unknown."""
     if before.weighed is None or after.weighed is None:
-        return False
-    old, new = before.weighed.forces, after.weighed.forces
-    first = dict(zip(old.names, old.sizes, strict=True))
-    return any(size > MUCH * first[name] for name, size in zip(new.names, new.sizes, strict=True) if first.get(name))
+        return np.inf
+    old, new = (
+        dict(zip(one.forces.names, one.forces.sizes * np.sqrt(one.forces.times), strict=True))
+        for one in (before.weighed, after.weighed)
+    )
+    return max((size / old[name] for name, size in new.items() if size and old.get(name)), default=0.0)
 
 
 def _verdict(has_steps: bool, is_left: bool) -> Verdict:
@@ -237,7 +263,10 @@ def _base_of(bench: Workbench, before: Base, taken: tuple[Insertion, ...], winne
         weighed = weigh(bench, together, rules.loads, point, bandwidth, rules.sd)
         return Base(together, {bandwidth: winner.fit}, before.bare, weighed)
     stages = [w for w in rules.stages if 0 < w <= rules.screening]
-    fits = {w: bench.fit(together, winner.fit.point, (w,), rules.sd, patient=False) for w in stages}
+    fits: dict[float, Fit] = {}
+    for w in stages:
+        with contextlib.suppress(SolverError):  # it is the stage that diverges: one with less injection serves
+            fits[w] = bench.fit(together, winner.fit.point, (w,), rules.sd, patient=False)
     return Base(together, {**fits, 0.0: winner.fit}, before.bare)
 
 
@@ -283,7 +312,9 @@ def _swap(bench: Workbench, base: Base, steps: list[Step], rules: Rules, library
 
 def _early(base: Base, rules: Rules) -> dict[str, float]:
     """Return the fit of the stage of screening."""
-    return base.fit.point if rules.regime == "forces" else base.fits[rules.screening].point
+    if rules.regime == "forces":
+        return base.fit.point
+    return base.fits[max(w for w in base.fits if w <= rules.screening)].point
 
 
 def _criterion(base: Base, rules: Rules) -> float:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from cartpend_dae.continuous import without_events
 from cartpend_dae.discover.unknown_input import Chain
@@ -24,6 +25,8 @@ from cartpend_dae.shooting import carried_on, run_through, scaled_values, sensit
 from cartpend_dae.system import Frictions, System
 from cartpend_dae.transcribe import sample_step, shown_state, stack_data
 
+# a rig rests where over so long [s] the variance of a measured value is less than so many times that of its noise
+REST, QUIET = 0.2, 2.5
 # share of itself by which df/ds may change between two samples for the mean of both ends to be good
 ROUGH = 0.5
 # sensitivities beyond this are those of an effect whose own states ran away
@@ -94,12 +97,13 @@ def sweep(
     names = tuple(name for insertion in options for name in insertion.size_names)
     fitted = tuple(item.name for item in problem.layout.free if ":" not in item.name)
     growth = _growth(problem, system, inside, (*names, *fitted), values, data, states)
-    # no rig sticks as its model does: what random forces move goes on as if it slid, at a level that stays as it is,
-    # as one that falls with the speed would let what rests run away
+    # no rig sticks when its model does: what random forces move goes on as if it slid, at a level that stays as it is,
+    # as one that falls with the speed would let what rests run away; only where the rig rests is it as the model says
     free = local
     if system.frictions.places:
         loose = _sliding(system, list(range(len(system.frictions.places))), is_felt=False)
         free = _local(problem, loose, inside, values, w, data, states)
+        free = _stuck_where(_rests(problem, data), local, free)
     found = _gathered(problem, values, (local, free), growth, residual, inside, (*names, *fitted), data)
     smooth = [name for name, is_rough in zip(names, _roughness(growth) > ROUGH, strict=False) if not is_rough]
     base = found.base.copy()
@@ -249,6 +253,34 @@ def _local(
     found = found.reshape(n_x + n_y, n, n_x + n_p + n_y).transpose(1, 0, 2)
     parts = np.split(found, [n_x, n_x + n_p], axis=2)
     return _Local(parts[0][:, :n_x], parts[1][:, :n_x], parts[2][:, :n_x], parts[0][:, n_x:], parts[1][:, n_x:])
+
+
+def _rests(problem: Problem, data: np.ndarray) -> np.ndarray:
+    """Return at which samples (n,) a measured value changes by no more than its noise, before and after."""
+    n_y, n_u = len(problem.outputs), problem.layout.system.u.numel()
+    values, weight = data[2 + 2 * n_u : 2 + 2 * n_u + n_y], data[-n_y:]
+    width = float(np.median(data[1][data[1] > 0]))
+    size = 2 * max(2, round(0.5 * REST / width)) + 1
+    scaled = np.where(weight > 0, values * weight, 0.0)
+    share = uniform_filter1d(np.where(weight > 0, 1.0, 0.0), size, axis=1, mode="nearest")
+    mean, square = (uniform_filter1d(scaled**power, size, axis=1, mode="nearest") for power in (1, 2))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spread = square / share - (mean / share) ** 2
+    return np.any((spread < QUIET) & (share > 0.5), axis=0)
+
+
+def _stuck_where(rests: np.ndarray, local: _Local, free: _Local) -> _Local:
+    parts = (
+        np.where(rests[:, None, None], one, other)
+        for one, other in (
+            (local.transition, free.transition),
+            (local.theta, free.theta),
+            (local.measured, free.measured),
+            (local.error, free.error),
+            (local.error_theta, free.error_theta),
+        )
+    )
+    return _Local(*parts)
 
 
 def _reduced(system: System, own: list[int], inside: list[int]) -> System:

@@ -9,6 +9,8 @@ from cartpend_dae.discover.sweep import Sweep, sweep
 from cartpend_dae.discover.unknown_input import Chain, left_over, likelihood, whitened
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Insertion, Place, catalogue, fits
+from cartpend_dae.gauss_newton import bounds
+from cartpend_dae.problem import Problem
 from cartpend_dae.shooting import scaled_values
 
 # what a random force may be: multiples of the size that would explain the whole residual, and correlation times [s];
@@ -52,6 +54,8 @@ class Weighed:
         Standard deviations of the parameters by the jackknife over blocks of time [SI].
     found
         The linearisation.
+    next
+        Where the likelihood is largest to first order: parameters and free starts by name [SI].
     """
 
     criterion: float
@@ -60,6 +64,7 @@ class Weighed:
     bandwidth: float
     sd: dict[str, float]
     found: Sweep
+    next: dict[str, float]
 
     @property
     def chain(self) -> Chain:
@@ -117,8 +122,19 @@ def weigh(
     free = bench.problem(taken).layout.free
     validated, spread = _jackknife(white.rows[0], white.determinant[0], chain, len(free))
     values = scaled_values(bench.problem(taken), point)
+    ahead = _ahead(bench.problem(taken), values, white.rows[0][chain.measured])
     sds = {item.name: item.slope(v) * float(s) for item, v, s in zip(free, values, spread, strict=False)}
-    return Weighed(criterion, validated, forces, _bandwidth(white.gain[0], chain), sds, found)
+    return Weighed(criterion, validated, forces, _bandwidth(white.gain[0], chain), sds, found, ahead)
+
+
+def _ahead(problem: Problem, values: np.ndarray, white: np.ndarray) -> dict[str, float]:
+    """Return the parameters and free starts after a step of Gauss and Newton on white rows, within their bounds."""
+    scale = np.linalg.norm(white[:, 1:], axis=0)
+    scale = np.where(scale > 0, scale, np.inf)
+    step = np.linalg.lstsq(white[:, 1:] / scale, -white[:, 0], rcond=1e-8)[0] / scale
+    lower, upper = bounds(problem)
+    moved = np.clip(values + step, lower, upper)
+    return {item.name: float(item.value(v)) for item, v in zip(problem.variables, moved, strict=True)}
 
 
 def _distinct(found: Sweep) -> tuple[str, ...]:

@@ -185,7 +185,7 @@ class Workbench:
         scales = self.scales_of(insertions, stride)
         label = " + ".join(insertion.prefix for insertion in insertions) or "baseline"
         point = dict(guess)
-        most = iterations or self.setup.max_iterations or ITERATIONS
+        most = self.setup.max_iterations or ITERATIONS if iterations is None else iterations
         fit: Fit | None = None
         for bandwidth in bandwidths:
             is_fine = bandwidth == 0.0 and stride is None and self._needs_fine_steps(insertions)

@@ -83,6 +83,9 @@ class Card:
         Of a sensor or an input: units that it may have; all, if empty.
     is_linear
         The motion's equations are linear in all its sizes.
+    takes
+        {parameter: that of the host from which it takes its value}, by kind of port. Where a host has them all, its
+        law is another one than that of what moves alike, and it is a place of its own.
     peaks
         {parameter: another one that it is not below}, or the law is not what the effect is called.
     """
@@ -103,6 +106,7 @@ class Card:
     reads: Mapping[str, str] = field(default_factory=dict)
     units: tuple[str, ...] = ()
     is_linear: bool = True
+    takes: Mapping[Kind, Mapping[str, str]] = field(default_factory=dict)
     peaks: Mapping[str, str] = field(default_factory=dict)
 
     def starts(self, kind: Kind) -> tuple[dict[str, float], ...]:

@@ -27,7 +27,7 @@ def input_cards() -> tuple[Card, ...]:
             summary="an amplifier whose gain is wrong",
             insertion="input",
             components={None: signal_errors.InputGain},
-            parameters=(size("e", lower=-0.9),),
+            parameters=(size("e", lower=-0.9, upper=1.0),),
             dissipative=False,
             nested_in=(),
             equivalent_to={"sensor_gain": "a linear model with one sensor, driven from rest"},

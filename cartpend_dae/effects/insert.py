@@ -15,7 +15,7 @@ import casadi as ca
 
 from cartpend_dae.effects.card import Card, E, EffectParameter
 from cartpend_dae.effects.catalogue import card_of
-from cartpend_dae.effects.places import Place, place_at
+from cartpend_dae.effects.places import Place, place_at, taken_from
 from cartpend_dae.effects.rebuild import rebuild
 from cartpend_dae.effects.walk import component_at
 from cartpend_dae.language import Component, Port, connect
@@ -136,7 +136,9 @@ def insert_all(model: Component, insertions: Iterable[Insertion]) -> Component:
 
 def _put(fresh: Component, insertion: Insertion) -> None:
     card, place = insertion.card, insertion.place
-    made = card.components[place.kind](**_given(insertion))
+    host = component_at(fresh, place.at) if card.insertion == "parallel" else None
+    taken = {} if host is None else taken_from(card, type(host), place.kind)
+    made = card.components[place.kind](**_given(insertion), **{own: getattr(host, its) for own, its in taken.items()})
     if card.insertion == "parallel":
         _beside(fresh, card, place, made)
         return

@@ -1,6 +1,6 @@
 """Where effects may stand in a model, one place for each motion, force or signal that data can tell apart."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -45,6 +45,8 @@ class Place:
         The class of the component.
     unit
         Of a sensor or an input: the unit of the variable.
+    is_behind
+        Another place moves alike and stands for it, but for effects that take something from the component here.
     rival
         The kind of the place that stands for the same motion; an effect that fits there does not go here.
     """
@@ -58,6 +60,7 @@ class Place:
     host: type[Component] = Component
     unit: str = "1"
     rival: Kind = None
+    is_behind: bool = False
 
 
 def places(
@@ -96,9 +99,17 @@ def fits(card: Card, place: Place) -> bool:
         return False
     if not issubclass(place.host, card.hosts or Component) or (_is_ground(place) and not card.hosts):
         return False
+    if place.is_behind and not taken_from(card, place.host, place.kind):
+        return False
     if card.insertion == "law":
         return place.at.rpartition(".")[2] == card.constant
     return not card.units or any(same_dimension(place.unit, unit) for unit in card.units)
+
+
+def taken_from(card: Card, host: type[Component], kind: Kind) -> Mapping[str, str]:
+    """Return {parameter of the effect: that of the host} of what it takes from there; empty if the host lacks any."""
+    wanted = card.takes.get(kind, {})
+    return wanted if set(wanted.values()) <= set(parameters_of(host)) else {}
 
 
 def place_at(model: Component, card: Card, at: str) -> Place:
@@ -176,7 +187,13 @@ def _parallel(model: Component, reading: _Reading) -> Iterator[Place]:
                 rank = (2 if port_a is None else 0 if _is_damped(component) else 1, order)
                 place = Place(path, kind, port_a, port_b, (), "parallel", type(component))
                 groups.setdefault(motion, []).append((rank, place))
-    yield from _merged(groups)
+    first = list(_merged(groups))
+    yield from first
+    # what is at rest elsewhere has a place of its own, for laws that begin at rest
+    for group in groups.values():
+        for _, place in group:
+            if place.port_a is not None and not any(place.at == other.at for other in first):
+                yield replace(place, is_behind=True)
 
 
 def _series(model: Component, reading: _Reading) -> Iterator[Place]:

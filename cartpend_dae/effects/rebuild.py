@@ -32,6 +32,7 @@ def rebuild(model: Component) -> Component:
             if name in attached_to(owner):  # the model attaches it itself when it is made
                 continue
             owner.attach(name, rebuild(part))
+            _take_again(component, owner, part, name)
             joined = tuple(Connection(tuple(translated(end) for end in joint.ends)) for joint in connections)
             attached_to(owner)[name] = (attached_to(owner)[name][0], joined)
     for path, component in walk(model):
@@ -39,6 +40,16 @@ def rebuild(model: Component) -> Component:
         new.diverted = {name: translated(end) for name, end in old.diverted.items()}
         new.scaled = {name: tuple(_signal(translated(f)) for f in factors) for name, factors in old.scaled.items()}
     return fresh
+
+
+def _take_again(old: Component, new: Component, part: Component, name: str) -> None:
+    """Bind parameters of an attached part to those of its new owner, where they were bound to the old one's."""
+    of_owner = list(parameters_of(type(old)))
+    before, after = ([getattr(owner, each) for each in of_owner] for owner in (old, new))
+    fresh = attached_to(new)[name][0]
+    for each, value in bindings_of(part).items():
+        if before and not ca.SX(value).is_constant():
+            bindings_of(fresh)[each] = ca.substitute(ca.SX(value), ca.vertcat(*before), ca.vertcat(*after))
 
 
 def _construct(component: Component) -> Component:

@@ -25,7 +25,7 @@ def sensor_cards() -> tuple[Card, ...]:
             summary="a sensor whose scale is wrong",
             insertion="sensor",
             components={None: signal_errors.SensorGain},
-            parameters=(size("e", lower=-0.9),),
+            parameters=(size("e", lower=-0.9, upper=1.0),),
             dissipative=False,
             nested_in=("current_sensor_error",),
             equivalent_to={"input_gain": "a linear model with one sensor, driven from rest"},
@@ -92,7 +92,7 @@ def sensor_cards() -> tuple[Card, ...]:
             summary="a current sensor with wrong scale and zero",
             insertion="sensor",
             components={None: signal_errors.CurrentSensorError},
-            parameters=(size("e", lower=-0.9), size("y_0")),
+            parameters=(size("e", lower=-0.9, upper=1.0), size("y_0")),
             dissipative=False,
             nested_in=(),
             equivalent_to={

@@ -324,13 +324,14 @@ class QuadraticDrag(CompliantWithSpeed):
 
 
 class CubicStiffness(Compliant):
-    """Cubic stiffness, tau = c3 phi_rel^3; negative softens a spring beside it."""
+    """Cubic stiffness, tau = c3 (phi_rel - phi_rel0)^3; negative softens a spring beside it."""
 
     c3: Param = param(unit="N.m/rad3", default=0.0, doc="cubic stiffness")
+    phi_rel0: Param = param(unit="rad", default=0.0, doc="where it is at rest")
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.tau == self.c3 * self.phi_rel**3
+        yield self.tau == self.c3 * (self.phi_rel - self.phi_rel0) ** 3
 
 
 class LinearStiffness(Compliant):

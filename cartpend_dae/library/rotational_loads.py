@@ -35,6 +35,23 @@ class OneSidedSpring(Compliant):
         yield self.tau == self.c * self.side * ca.fmax(0, self.side * (self.phi_rel - self.phi_0))
 
 
+class SlackSpring(Compliant):
+    """What a spring lacks that cannot push, tau = e c (max(0, h - phi_0) - h), h = phi_rel - phi_rel0.
+
+    Beside a spring of stiffness c and the same rest position; with e = 1 both together are c max(0, h - phi_0).
+    """
+
+    e: Param = param(unit="1", default=0.0, min=0, doc="share of the spring that goes slack, 0 none, 1 all of it")
+    phi_0: Param = param(unit="rad", default=0.0, doc="stretch from which the spring pulls")
+    c: Param = param(unit="N.m/rad", default=1.0, min=0, doc="stiffness of the spring")
+    phi_rel0: Param = param(unit="rad", default=0.0, doc="where the spring beside it is at rest")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        stretch = self.phi_rel - self.phi_rel0
+        yield self.tau == self.e * self.c * (ca.fmax(0, stretch - self.phi_0) - stretch)
+
+
 class EndStop(CompliantWithSpeed):
     """Soft stop beyond phi_m, tau = c h^1.5 (1 + d_c der(h)), h = phi_rel - phi_m, never pulling.
 

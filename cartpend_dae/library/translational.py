@@ -267,13 +267,14 @@ class QuadraticDrag(CompliantWithSpeed):
 
 
 class CubicStiffness(Compliant):
-    """Cubic stiffness, f = c3 s_rel^3; negative softens a spring beside it."""
+    """Cubic stiffness, f = c3 (s_rel - s_rel0)^3; negative softens a spring beside it."""
 
     c3: Param = param(unit="N/m3", default=0.0, doc="cubic stiffness")
+    s_rel0: Param = param(unit="m", default=0.0, doc="where it is at rest")
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.f == self.c3 * self.s_rel**3
+        yield self.f == self.c3 * (self.s_rel - self.s_rel0) ** 3
 
 
 class LinearStiffness(Compliant):

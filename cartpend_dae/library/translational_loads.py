@@ -35,6 +35,23 @@ class OneSidedSpring(Compliant):
         yield self.f == self.c * self.side * ca.fmax(0, self.side * (self.s_rel - self.s_0))
 
 
+class SlackSpring(Compliant):
+    """What a spring lacks that cannot push, f = e c (max(0, h - s_0) - h), h = s_rel - s_rel0.
+
+    Beside a spring of stiffness c and the same rest position; with e = 1 both together are c max(0, h - s_0).
+    """
+
+    e: Param = param(unit="1", default=0.0, min=0, doc="share of the spring that goes slack, 0 none, 1 all of it")
+    s_0: Param = param(unit="m", default=0.0, doc="stretch from which the spring pulls")
+    c: Param = param(unit="N/m", default=1.0, min=0, doc="stiffness of the spring")
+    s_rel0: Param = param(unit="m", default=0.0, doc="where the spring beside it is at rest")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        stretch = self.s_rel - self.s_rel0
+        yield self.f == self.e * self.c * (ca.fmax(0, stretch - self.s_0) - stretch)
+
+
 class EndStop(CompliantWithSpeed):
     """Soft stop beyond s_m, f = c h^1.5 (1 + d_c der(h)), h = s_rel - s_m, never pulling.
 

@@ -229,7 +229,8 @@ def _additions(discovery: Discovery, names: _Names) -> Iterator[str]:
             used.add(local)
             # a part that the user's file cannot know is called by the name of its variable
             ends.where[full] = local
-            yield f"{local} = {_made(part, names)}{_comment(part, full, estimates)}"
+            made = _made(part, owner, _where_attached(ends.where[path], names), names)
+            yield f"{local} = {made}{_comment(part, full, estimates)}"
             joints = [", ".join(ends.text(item) for item in connection.ends) for connection in connections]
             connect = names.use("cartpend_dae", "connect", cartpend_dae.connect) if joints else ""
             yield f"{_where_attached(ends.where[path], names)}.attach("
@@ -255,13 +256,18 @@ def _splices(discovery: Discovery, names: _Names, ends: _Ends) -> Iterator[str]:
                 yield f'{scale}({_where_attached(ends.where[path], names)}, "{name}", {ends.text(factor)})'
 
 
-def _made(part: Component, names: _Names) -> str:
-    """Write the constructor of a library component with the values that it has."""
+def _made(part: Component, owner: Component, where: str, names: _Names) -> str:
+    """Write the constructor of a library component with the values that it has, or takes from its owner."""
     cls = type(part)
     library = names.use_module(sys.modules[cls.__module__])
     arguments = []
     for name, declared in parameters_of(cls).items():
-        value = float(ca.DM(ca.SX(bindings_of(part)[name])))
+        bound = ca.SX(bindings_of(part)[name])
+        if not bound.is_constant():
+            taken = next(each for each in parameters_of(type(owner)) if ca.is_equal(getattr(owner, each), bound))
+            arguments.append(f"{name}={where}.{taken}")
+            continue
+        value = float(ca.DM(bound))
         if value != declared.declaration.default:
             arguments.append(f"{name}={_number(value)}")
     return f"{library}.{cls.__name__}({', '.join(arguments)})"
