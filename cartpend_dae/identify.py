@@ -10,7 +10,7 @@ from cartpend_dae.collocation import collocated
 from cartpend_dae.cuts import run_of
 from cartpend_dae.everyday import uncertain
 from cartpend_dae.gauss_newton import ITERATIONS, Solution, bounds, gauss_newton, interior_point
-from cartpend_dae.notebook import table
+from cartpend_dae.notebook import lines, table
 from cartpend_dae.problem import Problem, dominant_frequency
 from cartpend_dae.programme import Hessian
 from cartpend_dae.residual_noise import NoiseModel
@@ -76,15 +76,24 @@ class Fit:
     stepped: "Fit | None" = None
     quanta: tuple[float, ...] = ()
 
+    def __repr__(self) -> str:
+        return lines(*self._shown())
+
     def _repr_html_(self) -> str:
         """Show the estimates in a notebook."""
+        title, rows, notes = self._shown()
+        return table(title, ("estimate", "value ± sd", "unit", ""), rows, notes)
+
+    def _shown(self) -> tuple[str, list[tuple[str, ...]], list[str]]:
         rows = [
             (e.name, uncertain(e.value, e.sd), e.unit, "" if e.status == "ok" else e.status)
             for e in (*self.parameters, *self.starts, *self.tied)
         ]
         blind = [f"These runs leave a direction open: {sentence}." for sentence in self.blind]
-        title = f"Fit of {', '.join(run.name for run in self.runs)}: {self.message}"
-        return table(title, ("estimate", "value ± sd", "unit", ""), rows, (*blind, *self.notes))
+        end = "converged" if self.success else f"not converged ({self.message})"
+        rms = float(np.sqrt(self.chi2 / self.n_residuals)) if self.n_residuals else 0.0
+        title = f"Fit of {', '.join(run.name for run in self.runs)}: {end}, residuals of {rms:.3g} x noise"
+        return title, rows, [*blind, *self.notes]
 
     @property
     def values(self) -> dict[str, float]:

@@ -247,6 +247,11 @@ def test_version():
     assert result.exit_code == 0 and result.stdout.startswith("cartpend_dae ")
 
 
+def test_the_package_runs_as_a_module():
+    done = subprocess.run([sys.executable, "-m", "cartpend_dae", "effects", "zzz"], capture_output=True, text=True)
+    assert done.returncode == 2 and "no effect `zzz`" in done.stderr
+
+
 # --- wrong inputs ----------------------------------------------------------------------------------------
 
 
