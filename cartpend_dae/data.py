@@ -202,12 +202,14 @@ class Trajectory:
         return xarray.Dataset(variables, coords={"time": time})
 
     def __repr__(self) -> str:
-        heads = [("variable", "start", "end", "unit")]
-        numbers = [
-            (name, *(f"{self[name][k]:.5g}" for k in (0, -1)), unit)
-            for name, unit in zip(self.names, self.units, strict=True)
+        if not self.time.size:
+            return self._title
+        ends = ((self[name][0], self[name][-1]) for name in self.names)
+        rows = [
+            (name, f"{first:.5g}", f"{last:.5g}", unit)
+            for name, (first, last), unit in zip(self.names, ends, self.units, strict=True)
         ]
-        return lines(self._title, heads + numbers if self.time.size else [])
+        return lines(self._title, [("variable", "start", "end", "unit"), *rows])
 
     @property
     def _title(self) -> str:

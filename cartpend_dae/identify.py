@@ -8,6 +8,7 @@ import numpy as np
 
 from cartpend_dae.collocation import collocated
 from cartpend_dae.cuts import run_of
+from cartpend_dae.errors import SolverError
 from cartpend_dae.everyday import uncertain
 from cartpend_dae.gauss_newton import ITERATIONS, Solution, bounds, gauss_newton, interior_point
 from cartpend_dae.notebook import lines, table
@@ -185,10 +186,21 @@ def estimate(
         found = interior_point(problem, values, nodes, w, data, hessian=hessian)
     if found is None or problem.system.frictions.places:
         found = gauss_newton(problem, values, nodes, w, data, iterations=iterations)
-    if patient and not found.success:
-        found = interior_point(problem, values, nodes, w, data)
-    if not found.success:  # the segments of an unfinished solution do not join
-        nodes = run_through(problem, found.values, w, data)[1][:, :: layout.length]
+    if not patient or found.success:
+        return _concluded(problem, found, w, data, weights_sd)
+    further = interior_point(problem, values, nodes, w, data)
+    try:
+        return _concluded(problem, further, w, data, weights_sd)
+    except SolverError:  # it went where fixed steps do not follow
+        if further.success:
+            raise
+        return _concluded(problem, found, w, data, weights_sd)
+
+
+def _concluded(problem: Problem, found: Solution, w: np.ndarray, data: np.ndarray, weights_sd: np.ndarray) -> Fit:
+    """Return the fit that a solution is, its segments joined by a simulation if it is an unfinished one."""
+    if not found.success:
+        nodes = run_through(problem, found.values, w, data)[1][:, :: problem.layout.length]
         found = replace(found, nodes=nodes)
     states = run_from(problem, found.values, found.nodes, w, data)[1]
     slopes = sensitivities(problem, found.values, found.nodes, w, data)
