@@ -19,7 +19,7 @@ from cartpend_dae.report.comparison import Difference, differences, read_result
 from cartpend_dae.shelf import Entry, component, components, matching
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-Words = Annotated[list[str] | None, typer.Argument(metavar="[WORDS]...", help="Only what holds these words.")]
+Words = Annotated[list[str] | None, typer.Argument(metavar="WORDS", help="Only what holds these words.")]
 
 
 @spoken
