@@ -106,6 +106,6 @@ def _failure(bench: Workbench, first: Fit | SolverError) -> SolverError:
     return SolverError(
         f"The fit of {bench.problem(()).system.name} did not converge ({first.message.replace('_', ' ').lower()} after "
         f"{first.iterations} iterations, residuals of {size:.3g} x noise): check the guesses and bounds under "
-        f"`parameters` and the start values of the runs. A model that lacks something may end so too: `cartpend discover` "
-        f"looks for it."
+        f"`parameters` and the start values of the runs. A model that lacks something may end so too: "
+        f"`cartpend discover` looks for it."
     )
