@@ -93,6 +93,7 @@ def commands_page() -> str:
     for name in COMMANDS:
         command = loaded(name)
         text = get_docs_for_click(obj=command, ctx=Context(command, info_name=f"cartpend {name}"), name=name)
+        text = text.replace(command.epilog, f"Example: `{COMMANDS[name].example}`")
         parts.append(f"#{text}".replace("```console\n$ ", "```console\n$ cartpend "))
     return "\n".join(parts)
 

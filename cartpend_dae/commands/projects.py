@@ -23,7 +23,7 @@ Words = Annotated[list[str] | None, typer.Argument(metavar="WORDS", help="Only w
 
 
 @spoken
-def new(folder: Annotated[Path, typer.Argument(help="A folder that is new or empty.")]) -> None:
+def new(folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A folder that is new or empty.")]) -> None:
     """Start a project that runs: a model, a study and three logs, to be replaced by your own."""
     study = make_project(folder)
     say(
@@ -35,7 +35,7 @@ def new(folder: Annotated[Path, typer.Argument(help="A folder that is new or emp
 
 @spoken
 def list_components(words: Words = None, as_json: Json = False) -> None:
-    """List the components of the library; of one named exactly, say all. Example: cartpend components friction."""
+    """List the components of the library; of one named exactly, say all."""
     entries, text = components(), " ".join(words or ())
     exact = [entry for entry in entries if text in (entry.name, entry.name.split(".")[1])]
     if len(exact) == 1:
@@ -56,7 +56,7 @@ def list_components(words: Words = None, as_json: Json = False) -> None:
 
 @spoken
 def list_effects(words: Words = None, as_json: Json = False) -> None:
-    """List the effects that `discover` tries; of one named exactly, say all. Example: cartpend effects backlash."""
+    """List the effects that `discover` tries; of one named exactly, say all."""
     cards, text = catalogue(), " ".join(words or ())
     found = [card for card in cards if all(w in f"{card.id} {card.summary}".lower() for w in text.lower().split())]
     exact = [card for card in cards if card.id == text]
@@ -78,8 +78,8 @@ def list_effects(words: Words = None, as_json: Json = False) -> None:
 
 @spoken
 def diff(
-    first: Annotated[Path, typer.Argument(help="A folder of results.")],
-    second: Annotated[Path, typer.Argument(help="Another one.")],
+    first: Annotated[Path, typer.Argument(metavar="FIRST", help="A folder of results.")],
+    second: Annotated[Path, typer.Argument(metavar="SECOND", help="Another one.")],
     as_json: Json = False,
 ) -> None:
     """Say what two results tell differently: verdict, effects, parameters, errors. Exit code 1 if anything."""
