@@ -72,7 +72,7 @@
 
   const color = (name) => getComputedStyle(root).getPropertyValue(`--${name}`).trim();
   const lookOf = (output, i) => (output.curves.length > 1 && i === 0 ? "before" : "after");
-  const digits = (x, n = 4) => (x === null || x === undefined || Number.isNaN(x) ? "–" : Number(x.toPrecision(n)).toString());
+  const digits = (x) => (x === null || x === undefined || Number.isNaN(x) ? "–" : Number(x.toPrecision(4)).toString());
   const clamp = (low, high) => {
     const span = Math.min(high - low, whole[1] - whole[0]), least = (whole[1] - whole[0]) * 1e-5;
     const width = Math.max(span, least), begin = Math.min(Math.max(low, whole[0]), whole[1] - width);
@@ -238,7 +238,7 @@
       const measured = { label: "measured", values: output.measured, color: "measured", look: "measured", width: many ? 4 : 0, points: !many };
       plots.push(chart(holder, time, [...sure, measured, ...models], 260, { title: head, unit: output.unit, first: output === outputs[0], last: false }));
       models.forEach((model, i) => {
-        const residual = output.curves[i].residual, strip = title(`residual${models.length > 1 ? ` ${model.label}` : ""} [${output.unit}]`, noise ? `noise ${digits(noise, 3)} ${output.unit}` : "");
+        const residual = output.curves[i].residual, strip = title(`residual${models.length > 1 ? ` ${model.label}` : ""} [${output.unit}]`, noise ? `noise ${digits(Number(noise.toPrecision(3)))} ${output.unit}` : "");
         holder.append(strip);
         plots.push(chart(holder, time, [{ ...model, label: "residual", values: residual, dash: undefined, width: 1 }], i === last ? 118 : 92, {
           title: strip, unit: output.unit, band: noise ? 2 * noise : 0, last: i === last,
