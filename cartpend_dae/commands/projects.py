@@ -51,7 +51,7 @@ def list_components(words: Words = None, as_json: Json = False) -> None:
     for entry in found:
         table.add_row(entry.name, entry.summary)
     console_of_results().print(table)
-    say(console_of_results(), f"{len(found)} components; `cartpend components NAME` says all of one.")
+    say(console_of_results(), f"{len(found)} component{'s' * (len(found) != 1)}; `cartpend components NAME` says all of one.")
 
 
 @spoken
@@ -73,7 +73,7 @@ def list_effects(words: Words = None, as_json: Json = False) -> None:
     for card in sorted(found, key=lambda card: card.id):
         table.add_row(card.id, card.insertion, card.summary)
     console_of_results().print(table)
-    say(console_of_results(), f"{len(found)} effects; `cartpend effects ID` says all of one.")
+    say(console_of_results(), f"{len(found)} effect{'s' * (len(found) != 1)}; `cartpend effects ID` says all of one.")
 
 
 @spoken
