@@ -51,7 +51,8 @@ def list_components(words: Words = None, as_json: Json = False) -> None:
     for entry in found:
         table.add_row(entry.name, entry.summary)
     console_of_results().print(table)
-    say(console_of_results(), f"{len(found)} component{'s' * (len(found) != 1)}; `cartpend components NAME` says all of one.")
+    count = f"{len(found)} component{'s' * (len(found) != 1)}"
+    say(console_of_results(), f"{count}; `cartpend components NAME` says all of one.")
 
 
 @spoken
