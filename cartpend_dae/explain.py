@@ -138,7 +138,7 @@ def nearest(name: str, known: Sequence[str], otherwise: str = "") -> str:
 def nearest_file(path: Path) -> str:
     """Return "; did you mean ...?" with the file in the same folder that is named most alike, else a full stop."""
     try:
-        known = [other.name for other in path.parent.iterdir() if other.suffix == path.suffix]
+        known = [other.name for other in path.parent.iterdir() if other.suffix == path.suffix and other.is_file()]
     except OSError:
         known = []
     near = get_close_matches(path.name, known, n=1, cutoff=0.7)

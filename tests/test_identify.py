@@ -179,6 +179,14 @@ def test_where_fixed_steps_do_not_follow_the_last_point_that_they_did_follow_sta
         estimate(problem, guess={"bearing.d": lost}, patient=False)
 
 
+def test_an_estimate_never_lies_beyond_its_bound():
+    # IPOPT relaxes bounds by 1e-8; the damping is 0.0375, and 0.05 the least that is allowed
+    problem = pendulum_problem(free_start=False)
+    free = (free_parameter(problem.system, "bearing.d", guess=0.2, lower=0.05, upper=1.0),)
+    (found,) = estimate(replace(problem, free=free), hessian="exact").parameters
+    assert 0.05 <= found.value < 0.05001 and found.status == "at-bound"
+
+
 class Inverted(Component):
     """A rod that starts near the top: unstable, so that plain simulation of the data diverges."""
 
