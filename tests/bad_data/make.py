@@ -265,7 +265,7 @@ BAD: dict[str, Case] = {
         "run.csv", text(["Logger 3", "Serial: 77", *rows()]), r"row 1 has 3 cells, the first row 1: .*lines before the header by `format\.skip_rows`"
     ),
     # columns
-    "wrong column": Case("run.csv", text(rows(header="t,u,position")), r"there is no column `s`; .*The columns are: `t`, `u`, `pos"),
+    "wrong column": Case("run.csv", text(rows(header="t,u,position")), r"there is no column `s`\. The columns are: `t`, `u`, `pos"),
     "misspelt columns": Case("run.csv", text(rows(header="T,u,ss")), r"no column `t`, `s`; did you mean `ss`\?"),
     "bracket that is no unit": Case("run.csv", text(rows(header="t,u,s [raw]")), r"no column `s`; .*`s \[raw\]`"),
     # numbers
