@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cartpend_dae.errors import StudyError
 from cartpend_dae.everyday import for_people
-from cartpend_dae.notebook import sparkline, table
+from cartpend_dae.notebook import lines, sparkline, table
 
 if TYPE_CHECKING:
     import xarray  # pyright: ignore[reportMissingImports]
@@ -201,6 +201,21 @@ class Trajectory:
         }
         return xarray.Dataset(variables, coords={"time": time})
 
+    def __repr__(self) -> str:
+        if not self.time.size:
+            return self._title
+        ends = ((self[name][0], self[name][-1]) for name in self.names)
+        rows = [
+            (name, f"{first:.5g}", f"{last:.5g}", unit)
+            for name, (first, last), unit in zip(self.names, ends, self.units, strict=True)
+        ]
+        return lines(self._title, [("variable", "start", "end", "unit"), *rows])
+
+    @property
+    def _title(self) -> str:
+        ends = f" from {self.time[0]:g} s to {self.time[-1]:g} s" if self.time.size else ""
+        return f"{len(self.names)} variables{ends}, {self.time.size} samples"
+
     def _repr_html_(self) -> str:
         """Show the variables in a notebook: ends, extremes and a small curve of each."""
         rows = []
@@ -210,9 +225,8 @@ class Trajectory:
             numbers = (values[0], values[-1], np.nanmin(values), np.nanmax(values))
             rows.append((name, shown, *(f"{number:.4g}" for number in numbers), sparkline(values.tolist())))
         heads = ("variable", "unit", "start", "end", "least", "largest", "")
-        title = f"{len(self.names)} variables from {self.time[0]:g} s to {self.time[-1]:g} s, {self.time.size} samples"
         more = len(self.names) - len(rows)
-        return table(title, heads, rows, [f"and {more} more, by name or `to_pandas()`"] if more else [])
+        return table(self._title, heads, rows, [f"and {more} more, by name or `to_pandas()`"] if more else [])
 
     def to_csv(self, path: Path | str) -> None:
         """Write a csv file with a column `time`; numbers read back exactly, and no half file is ever left."""

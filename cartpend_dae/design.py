@@ -68,6 +68,8 @@ class Gains:
         poles = ", ".join(pole_text(complex(pole)) for pole in self.poles)
         return "\n".join([*lines, f"poles of the closed loop [{'1/s' if self.model.period is None else 'z'}]: {poles}"])
 
+    __repr__ = __str__
+
 
 def lqr(linear: LinearModel, *, Q: Weights, R: Weights, period: float | None = None) -> Gains:
     """Return the state feedback with the least cost: the integral, or sum over the samples, of x' Q x + u' R u.

@@ -259,11 +259,11 @@ class _Walk:
     def _sentence(self, values: list[Dimension], k: int, a: Dimension, b: Dimension | None) -> str:
         """Say where a clash stands, which expressions clash, and where a unit comes from that nobody declared."""
         expression, indices = self._named(k)
-        left = f"`{_short(expression.dep(0))}` is in `{self.dimensions.unit_of(a)}`"
+        left = f"`{_short(expression.dep(0))}` is {self._unit(a)}"
         if b is None:
             what = f"{left}, where a number or an angle is needed: `{_short(expression)}`"
         else:
-            what = f"{left}, but `{_short(expression.dep(1))}` in `{self.dimensions.unit_of(b)}`"
+            what = f"{left}, but `{_short(expression.dep(1))}` {self._unit(b)}"
         for i in indices:
             at = self.dimensions.found_at(values[i])
             if at is not None and at != k:
@@ -272,6 +272,10 @@ class _Walk:
         origin = self._origin(k)
         component = self.class_of.get(origin.partition(": ")[0])
         return f"{origin}{f' ({component})' if component else ''}: {what}."
+
+    def _unit(self, a: Dimension) -> str:
+        unit = str(self.dimensions.unit_of(a))
+        return "a number or an angle" if unit == "1" else f"in `{unit}`"
 
     def _named(self, k: int) -> tuple[ca.SX, list[int]]:
         """Return the expression that instruction k computes, in full names, and the indices of its symbols."""

@@ -2,6 +2,7 @@
 
 import re
 import reprlib
+import sys
 import sysconfig
 import traceback
 from collections.abc import Sequence
@@ -122,13 +123,44 @@ def place_of(statements: object) -> str:
     return f" ({location(frame.f_code.co_filename, frame.f_lineno)})" if frame is not None else ""
 
 
-def nearest(name: str, known: Sequence[str]) -> str:
-    """Return "; did you mean ...?" with the nearest names, all of them if none is near."""
+def nearest(name: str, known: Sequence[str], otherwise: str = "") -> str:
+    """Return "; did you mean ...?" with the nearest names; if none is near `otherwise`, else what there is."""
     near = get_close_matches(name, known, n=3, cutoff=0.5)
     near += [other for other in known if other.lower() == name.lower() and other not in near]
     if near:
         return f"; did you mean {', '.join(f'`{other}`' for other in near)}?"
-    return f"; it has {', '.join(f'`{other}`' for other in known[:12]) or 'nothing of its own'}."
+    if otherwise:
+        return f"; {otherwise}"
+    more = f" and {len(known) - 12} more" if len(known) > 12 else ""
+    return f"; it has {', '.join(f'`{other}`' for other in known[:12]) or 'nothing of its own'}{more}."
+
+
+def nearest_file(path: Path) -> str:
+    """Return "; did you mean ...?" with the file in the same folder that is named most alike, else a full stop."""
+    try:
+        known = [other.name for other in path.parent.iterdir() if other.suffix == path.suffix and other.is_file()]
+    except OSError:
+        known = []
+    near = get_close_matches(path.name, known, n=1, cutoff=0.7)
+    return f"; did you mean `{near[0]}`?" if near else "."
+
+
+def misspelt(error: BaseException) -> str | None:
+    """Return the sentence for a name that is not there, with the nearest one; None for an error of another kind."""
+    last = error.__traceback__
+    while last is not None and last.tb_next is not None:
+        last = last.tb_next
+    if isinstance(error, NameError) and not isinstance(error, UnboundLocalError) and error.name and last:
+        known = [*last.tb_frame.f_locals, *last.tb_frame.f_globals]
+        return f"there is no `{error.name}`{nearest(error.name, known, 'define or import it first.')}"
+    if isinstance(error, ImportError) and (
+        found := re.match(r"cannot import name '(\w+)' from '([\w.]+)'", str(error))
+    ):
+        name, module = found.groups()
+        known = [other for other in dir(sys.modules.get(module)) if not other.startswith("_")]
+        everywhere = f" `cartpend components {name}` looks in all modules." if ".library." in module else ""
+        return f"`{module}` has no `{name}`{nearest(name, known)}{everywhere}"
+    return None
 
 
 def listed_findings(title: str, findings: Sequence[str]) -> str:

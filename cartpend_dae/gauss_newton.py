@@ -161,6 +161,7 @@ def interior_point(
     if not np.all(np.isfinite(solution)):
         raise SolverError(f"The fit of {problem.system.name} gave no finite parameters ({message}).")
     found, ends = np.split(solution, [values.size])
+    found = np.clip(found, lower, upper)  # IPOPT relaxes them a little
     success = message in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
     return Solution(
         found, ends.reshape(nodes.shape, order="F"), float(result["f"]), success, message, int(stats["iter_count"])

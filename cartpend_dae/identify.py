@@ -8,9 +8,10 @@ import numpy as np
 
 from cartpend_dae.collocation import collocated
 from cartpend_dae.cuts import run_of
+from cartpend_dae.errors import SolverError
 from cartpend_dae.everyday import uncertain
 from cartpend_dae.gauss_newton import ITERATIONS, Solution, bounds, gauss_newton, interior_point
-from cartpend_dae.notebook import table
+from cartpend_dae.notebook import lines, table
 from cartpend_dae.problem import Problem, dominant_frequency
 from cartpend_dae.programme import Hessian
 from cartpend_dae.residual_noise import NoiseModel
@@ -76,15 +77,24 @@ class Fit:
     stepped: "Fit | None" = None
     quanta: tuple[float, ...] = ()
 
+    def __repr__(self) -> str:
+        return lines(*self._shown())
+
     def _repr_html_(self) -> str:
         """Show the estimates in a notebook."""
+        title, rows, notes = self._shown()
+        return table(title, ("estimate", "value ± sd", "unit", ""), rows, notes)
+
+    def _shown(self) -> tuple[str, list[tuple[str, ...]], list[str]]:
         rows = [
             (e.name, uncertain(e.value, e.sd), e.unit, "" if e.status == "ok" else e.status)
             for e in (*self.parameters, *self.starts, *self.tied)
         ]
         blind = [f"These runs leave a direction open: {sentence}." for sentence in self.blind]
-        title = f"Fit of {', '.join(run.name for run in self.runs)}: {self.message}"
-        return table(title, ("estimate", "value ± sd", "unit", ""), rows, (*blind, *self.notes))
+        end = "converged" if self.success else f"not converged ({self.message})"
+        rms = float(np.sqrt(self.chi2 / self.n_residuals)) if self.n_residuals else 0.0
+        title = f"Fit of {', '.join(run.name for run in self.runs)}: {end}, residuals of {rms:.3g} x noise"
+        return title, rows, [*blind, *self.notes]
 
     @property
     def values(self) -> dict[str, float]:
@@ -176,10 +186,21 @@ def estimate(
         found = interior_point(problem, values, nodes, w, data, hessian=hessian)
     if found is None or problem.system.frictions.places:
         found = gauss_newton(problem, values, nodes, w, data, iterations=iterations)
-    if patient and not found.success:
-        found = interior_point(problem, values, nodes, w, data)
-    if not found.success:  # the segments of an unfinished solution do not join
-        nodes = run_through(problem, found.values, w, data)[1][:, :: layout.length]
+    if not patient or found.success:
+        return _concluded(problem, found, w, data, weights_sd)
+    further = interior_point(problem, values, nodes, w, data)
+    try:
+        return _concluded(problem, further, w, data, weights_sd)
+    except SolverError:  # it went where fixed steps do not follow
+        if further.success:
+            raise
+        return _concluded(problem, found, w, data, weights_sd)
+
+
+def _concluded(problem: Problem, found: Solution, w: np.ndarray, data: np.ndarray, weights_sd: np.ndarray) -> Fit:
+    """Return the fit that a solution is, its segments joined by a simulation if it is an unfinished one."""
+    if not found.success:
+        nodes = run_through(problem, found.values, w, data)[1][:, :: problem.layout.length]
         found = replace(found, nodes=nodes)
     states = run_from(problem, found.values, found.nodes, w, data)[1]
     slopes = sensitivities(problem, found.values, found.nodes, w, data)

@@ -56,7 +56,10 @@ def checked_inputs(system: System, inputs: Mapping[str, Input]) -> dict[str, Inp
 def _checked(system: System, name: str, given: Input | None) -> Input:
     value = system.variables[system.index_of(name)].declaration.default if given is None else given
     if value is None:
-        raise ModelError(f"Nothing drives the input `{name}` of {system.name}: give `inputs={{'{name}': ...}}`.")
+        raise ModelError(
+            f"Nothing drives the input `{name}` of {system.name}: give `inputs={{'{name}': ...}}`, on the command line "
+            f"`--input {name}=VALUE`."
+        )
     return checked_input(name, value)
 
 

@@ -161,6 +161,8 @@ class LinearModel:
             lines += matrix_lines(letter, rows, columns, matrix)
         return "\n".join([*lines, *_mode_lines(self)])
 
+    __repr__ = __str__
+
 
 def sorted_poles(matrix: FloatArray, period: float | None) -> NDArray[np.complex128]:
     """Return the eigenvalues of a matrix, the least stable first; of a pair the one above the real axis first."""

@@ -102,7 +102,10 @@ def _fit(bench: Workbench, point: Mapping[str, float], sd: np.ndarray) -> Fit:
 def _failure(bench: Workbench, first: Fit | SolverError) -> SolverError:
     if isinstance(first, SolverError):
         return first
+    size = float(np.sqrt(first.chi2 / max(1, first.n_residuals)))
     return SolverError(
-        f"The fit of {bench.problem(()).system.name} did not converge ({first.message} after {first.iterations} "
-        f"iterations): check the guesses and bounds under `parameters` and the start values of the runs."
+        f"The fit of {bench.problem(()).system.name} did not converge ({first.message.replace('_', ' ').lower()} after "
+        f"{first.iterations} iterations, residuals of {size:.3g} x noise): check the guesses and bounds under "
+        f"`parameters` and the start values of the runs. A model that lacks something may end so too: "
+        f"`cartpend discover` looks for it."
     )

@@ -1,9 +1,11 @@
-"""Small pieces of HTML that a notebook shows for a result: tables, and curves the size of a word."""
+"""What is shown of a result: in a notebook pieces of HTML, tables and curves; at a prompt a few lines of text."""
 
 import math
 from collections.abc import Iterable, Sequence
 from html import escape
 
+SHOWN = 20
+"""Rows that a prompt shows."""
 SPARK_WIDTH, SPARK_HEIGHT, SPARK_POINTS = 120, 22, 60
 
 
@@ -21,6 +23,15 @@ def table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]], notes
     said = "".join(f"<p>{_cell(note)}</p>" for note in notes)
     whole = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
     return f"<div><p><b>{_cell(title)}</b></p>{whole}{said}</div>"
+
+
+def lines(title: str, rows: Sequence[Sequence[str]], notes: Iterable[str] = ()) -> str:
+    """Return a title, at most twenty rows in columns, and notes: what a prompt shows of a result."""
+    shown = [list(map(str, row)) for row in rows[:SHOWN]]
+    widths = [max(map(len, column)) for column in zip(*shown, strict=True)]
+    text = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in shown]
+    more = [f"and {len(rows) - SHOWN} more"] if len(rows) > SHOWN else []
+    return "\n  ".join(line.rstrip() for line in (title, *text, *more, *notes))
 
 
 def _cell(text: str) -> str:

@@ -60,7 +60,7 @@ class Progress:
         if not 0 < done < self._expected:
             return ""
         each = (self._clock() - self._stage_start) / done
-        return f"  ({done} of {self._expected}, {each * (self._expected - done):.0f} s left)"
+        return f"  ({done} of {self._expected}, {each * (self._expected - done):.0f} s left in this stage)"
 
     def end(self) -> None:
         """Take the line away."""

@@ -161,7 +161,7 @@ class _Reader:
             hint = f"did you mean {_listing(hints)}? " if hints else ""
             note = f" ({table.note})" if table.note and not table.note.startswith("numbers") else ""
             there = f"The columns are: {_listing(known[:40])}" if known else "It has no numeric columns"
-            raise self.refuse(f"there is no column {_listing(missing)}; {hint}{there}{note}.")
+            raise self.refuse(f"there is no column {_listing(missing)}{f'; {hint}' if hint else '. '}{there}{note}.")
         lengths = {name: len(column) for name, column in table.columns.items()}
         if len(set(lengths.values())) > 1:
             found = ", ".join(f"`{name}` {n}" for name, n in lengths.items())

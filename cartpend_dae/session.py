@@ -6,7 +6,6 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +19,7 @@ from cartpend_dae.discover.records import Base, Regime
 from cartpend_dae.discover.workbench import renamed
 from cartpend_dae.effects import Card, Insertion, catalogue, insert_all, insertion_at, places
 from cartpend_dae.errors import ModelError, StudyError
+from cartpend_dae.explain import nearest
 from cartpend_dae.identify import Fit
 from cartpend_dae.language import Component
 from cartpend_dae.multistart import Route, fit_study
@@ -53,6 +53,10 @@ class Opened:
     cards: tuple[Card, ...]
     places: tuple[str, ...] | None
     regime: Regime | None
+
+    def __repr__(self) -> str:
+        runs, free = len(self.study.experiments), ", ".join(f"`{spec.name}`" for spec in self.setup.free)
+        return f"{self.study.path}: {self.system.name}, {runs} runs, free: {free or 'nothing'}"
 
 
 def open_study(path: Path | str, *, needs_runs: bool = True, inner: Inner | None = None) -> Opened:
@@ -326,12 +330,8 @@ def _cards(study: Study) -> tuple[tuple[Card, ...], list[str]]:
     known = [card.id for card in cards]
     for key, names in (("include", study.discover.include or ()), ("exclude", study.discover.exclude)):
         for name in (name for name in names if name not in known):
-            close = get_close_matches(name, known, n=1, cutoff=0.0)
-            listing = ", ".join(f"`{other}`" for other in known)
-            findings.append(
-                f"{study.path}: `discover.{key}`: there is no effect `{name}`; did you mean `{close[0]}`? "
-                f"The effects are: {listing}."
-            )
+            near = nearest(name, known, "`cartpend effects` lists all.")
+            findings.append(f"{study.path}: `discover.{key}`: there is no effect `{name}`{near}")
     include = known if study.discover.include is None else study.discover.include
     kept = tuple(card for card in cards if card.id in include and card.id not in study.discover.exclude)
     if not kept and not findings:
@@ -346,7 +346,8 @@ def _wrong_places(study: Study, model: Component, cards: tuple[Card, ...]) -> li
     known = [place.at for place in places(model, measured, cards)]
     listing = ", ".join(f"`{name}`" for name in known)
     return [
-        f"{study.path}: `discover.places`: `{name}` is no place for an effect; the places are: {listing}."
+        f"{study.path}: `discover.places`: `{name}` is no place for an effect"
+        f"{nearest(name, known, f'the places are: {listing}.')}"
         for name in study.discover.places
         if name not in known
     ]

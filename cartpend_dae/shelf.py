@@ -52,7 +52,7 @@ def component(name: str) -> Entry:
         listing = ", ".join(f"`{entry.name}`" for entry in found)
         raise ModelError(f"There are several components `{name}`: say which of {listing}.")
     known = [part for entry in entries for part in (entry.name, entry.name.split(".")[1])]
-    raise ModelError(f"The library has no component `{name}`{nearest(name, known)}")
+    raise ModelError(f"The library has no component `{name}`{nearest(name, known, '`cartpend components` lists all.')}")
 
 
 def matching(entries: tuple[Entry, ...], text: str) -> tuple[Entry, ...]:

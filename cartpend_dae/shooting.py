@@ -95,9 +95,7 @@ def filtered_nodes(
     _, states = run_through(problem, values, w, data, segments)
     nodes = states[:, :: layout.length]
     if not np.all(np.isfinite(nodes)):
-        raise SolverError(
-            f"{problem.system.name} cannot be simulated with the start values of the parameters: it diverges."
-        )
+        raise SolverError(_diverging(problem, values))
     return nodes
 
 
@@ -134,7 +132,7 @@ def sensitivities(
     packed = np.vstack([carried_on(problem, values, w)[:, :m], nodes, np.tile(seeds[:, None], m)])
     after, rows = (np.asarray(part) for part in problem.functions.rows.map(m)(packed, data[:, : m * layout.length]))
     if not (np.all(np.isfinite(after)) and np.all(np.isfinite(rows))):
-        raise SolverError(f"{problem.system.name} cannot be differentiated along its simulation: it diverges.")
+        raise SolverError(_diverging(problem, values))
     ends = after[-n_x * size :, layout.length - 1 :: layout.length]
     begin = dict(zip(layout.first, start_slopes(problem, values), strict=True))
     slope = np.zeros((n_x, values.size))
@@ -148,8 +146,19 @@ def sensitivities(
         found[part] = local[part] @ to_local
         slope = ends[:, k].reshape(n_x, size, order="F") @ to_local
     if not np.all(np.isfinite(found)):
-        raise SolverError(f"{problem.system.name} cannot be differentiated along its simulation: it diverges.")
+        raise SolverError(_diverging(problem, values))
     return Sensitivities(residuals, found)
+
+
+def _diverging(problem: Problem, values: np.ndarray) -> str:
+    """Say where the simulation diverges in steps of fixed length, and what helps."""
+    found = [(item.name, float(item.value(value))) for item, value in zip(problem.variables, values, strict=True)]
+    places = ", ".join(f"`{name}` = {value:.3g}" for name, value in found[:12])
+    step = max(float(np.diff(run.time).max()) for run in problem.experiments) / problem.layout.substeps
+    return (
+        f"{problem.system.name} diverges in steps of {step:.3g} s at {places}: narrow the `min` and `max` of what has "
+        f"gone astray, begin nearer, or set a shorter `step` under [identify]."
+    )
 
 
 def predict(

@@ -21,6 +21,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from cartpend_dae import units
 from cartpend_dae.errors import ModelError, StudyError
+from cartpend_dae.explain import misspelt, nearest_file
 from cartpend_dae.language import Component
 from cartpend_dae.parcel import PRIVATE
 from cartpend_dae.study_paths import expand
@@ -174,17 +175,16 @@ def load_model(reference: ModelReference) -> Component:
     try:
         return cls(**reference.arguments)
     except (Exception, SystemExit) as error:
-        given = ", ".join(f"{key} = {value!r}" for key, value in reference.arguments.items()) or "no arguments"
-        raise StudyError(
-            f"{path}: `{cls.__name__}` cannot be made with {given}: {_what_went_wrong(error, path)}"
-        ) from error
+        given = ", ".join(f"{key} = {value!r}" for key, value in reference.arguments.items())
+        made = f"cannot be made{f' with {given}' if given else ''}"
+        raise StudyError(f"{path}: `{cls.__name__}` {made}: {_what_went_wrong(error, path)}") from error
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
     except FileNotFoundError:
-        raise StudyError(f"{path}: there is no such study file.") from None
+        raise StudyError(f"{path}: there is no such study file{nearest_file(path)}") from None
     except OSError as error:
         raise StudyError(f"{path}: the study file cannot be read: {error.strerror}.") from None
     except UnicodeDecodeError as error:
@@ -228,7 +228,8 @@ def _sentence(finding: Mapping[str, Any], raw: Mapping[str, Any]) -> str:
     if kind == "missing":
         return f"{key} is missing."
     if kind == "value_error":
-        return f"{key} {_clause(context['error'])}."
+        clause = _clause(context["error"])
+        return f"{key} {clause}" if clause.endswith("?") else f"{key} {clause}."
     found = _shown(finding["input"])
     if loc in _ARRAYS and kind == "tuple_type":
         return f"{key} is {found}; expected an array of tables: write [[{loc[0]}]] in double brackets."
@@ -321,7 +322,7 @@ def run_file(path: Path, what: str = "model file") -> types.ModuleType:
         If the file cannot be read or fails; `what` says in the sentence which file it is.
     """
     if not path.is_file():
-        raise StudyError(f"{path}: there is no such {what}.")
+        raise StudyError(f"{path}: there is no such {what}{nearest_file(path)}")
     name = f"{PRIVATE}{sha256(str(path).encode()).hexdigest()[:16]}"
     spec = importlib.util.spec_from_loader(name, loader=None, origin=str(path))
     if spec is None:
@@ -366,5 +367,7 @@ def _what_went_wrong(error: BaseException, path: Path) -> str:
         return f"line {error.lineno}{where}: {error.msg}{shown}."
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
     place = f"line {lines[-1]}: " if lines else ""
+    if slip := misspelt(error):
+        return f"{place}{slip}"
     spoken = text if text and isinstance(error, ModelError | TypeError) else f"{kind}: {text}"
     return f"{place}{spoken.rstrip(': ')}."

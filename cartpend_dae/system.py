@@ -233,7 +233,6 @@ class System:
     kept: dict[str, dict[Any, Any]] = field(default_factory=Local, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Make the tables of names."""
         tables = tuple({q.name: i for i, q in enumerate(group)} for group in (self.variables, self.parameters))
         object.__setattr__(self, "positions", tables)
 
@@ -288,8 +287,10 @@ class System:
         return remaining_lines(self.aliased, self.names)
 
     def __str__(self) -> str:
-        """Return the equations that are left, in the names of the model."""
         return describe(self)
+
+    def __repr__(self) -> str:
+        return "\n".join(describe(self).splitlines()[:5])
 
     def _repr_html_(self) -> str:
         """Show the equations that are left as formulas in a notebook."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from cartpend_dae.columns import Table, check_size, located, readable_unit, split_unit
 from cartpend_dae.errors import StudyError
+from cartpend_dae.explain import nearest_file
 from cartpend_dae.matlab_tables import read_hdf5, read_matlab
 from cartpend_dae.parallel import survives
 from cartpend_dae.study_schema import FormatSpec
@@ -32,7 +33,7 @@ def read_table(path: Path, format: FormatSpec, wanted: Iterable[str]) -> Table:
         if path.is_dir():
             raise StudyError("this is a folder; name the data file in it.")
         if not path.exists():
-            raise StudyError("there is no such data file.")
+            raise StudyError(f"there is no such data file{nearest_file(path)}")
         if not path.is_file():
             raise StudyError("this is no ordinary file; write the data to a csv, txt, mat or parquet file.")
         if path.stat().st_size == 0 and kind not in (".csv", ".txt"):

@@ -5,6 +5,7 @@ table of files into docs/architecture.md; tests/test_docs.py fails where it is n
 """
 
 import ast
+from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -92,6 +93,7 @@ def commands_page() -> str:
     for name in COMMANDS:
         command = loaded(name)
         text = get_docs_for_click(obj=command, ctx=Context(command, info_name=f"cartpend {name}"), name=name)
+        text = text.replace(command.epilog, f"Example: `{COMMANDS[name].example}`")
         parts.append(f"#{text}".replace("```console\n$ ", "```console\n$ cartpend "))
     return "\n".join(parts)
 
@@ -99,36 +101,65 @@ def commands_page() -> str:
 def study_keys() -> str:
     """Return the tables of a study file with their keys, from the classes that check them."""
     schema = TypeAdapter(study_schema.StudyTable).json_schema()
+    tables = {"StudyTable": schema, **schema["$defs"]}
+    titles = _titles(tables)
     parts = ["# All keys of a study file\n"]
-    for name, table in [("StudyTable", schema), *schema["$defs"].items()]:
+    for name in titles:
         cls = getattr(study_schema, name)
-        parts += [f"## {name}\n", (cls.__doc__ or "").replace("``", "`").replace("\n    ", "\n"), ""]
-        parts += ["| key | value | when absent |", "|---|---|---|"]
-        needed = table.get("required", [])
-        for key, entry in table["properties"].items():
+        parts += [
+            f"({name.lower()})=\n## {titles[name]}\n",
+            (cls.__doc__ or "").replace("``", "`").replace("\n    ", "\n"),
+        ]
+        parts += ["", "| key | value | when absent |", "|---|---|---|"]
+        needed = tables[name].get("required", [])
+        for key, entry in tables[name]["properties"].items():
             absent = "needed" if key in needed else _default(entry.get("default"))
-            parts.append(f"| `{key}` | {_kind(entry)} | {absent} |")
+            parts.append(f"| `{key}` | {_kind(entry, titles)} | {absent} |")
         parts.append("")
     return "\n".join(parts)
+
+
+def _titles(tables: dict[str, Any]) -> dict[str, str]:
+    """Return what each table is called in a file, in the order in which they are met, by the name of its class."""
+    titles, todo = {"StudyTable": "The file"}, ["StudyTable"]
+    for name in todo:
+        for key, entry in tables[name]["properties"].items():
+            for inner, form in _inner(entry):
+                if inner not in titles:
+                    todo.append(inner)
+                    titles[inner] = f"`{form.format(key)}`" if name == "StudyTable" else f"`{key}` of {titles[name]}"
+    return titles
+
+
+def _inner(entry: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the tables that a value holds, and how they are written at the top of a file."""
+    for one in entry.get("anyOf", [entry]):
+        for held, form in (
+            (one, "[{}]"),
+            (one.get("items"), "[[{}]]"),
+            (one.get("additionalProperties"), '[{}."NAME"]'),
+        ):
+            if isinstance(held, dict) and "$ref" in held:
+                yield held["$ref"].rpartition("/")[2], form
 
 
 def _default(value: object) -> str:
     return "" if value in (None, [], {}) or isinstance(value, dict) else f"`{str(value).lower()}`"
 
 
-def _kind(entry: dict[str, Any]) -> str:
+def _kind(entry: dict[str, Any], titles: dict[str, str]) -> str:
     if "$ref" in entry:
         name = entry["$ref"].rpartition("/")[2]
-        return f"[{name}](#{name.lower()})"
+        return f"[{titles[name]}](#{name.lower()})"
     if "anyOf" in entry:
-        return " or ".join(_kind(one) for one in entry["anyOf"] if one.get("type") != "null")
+        return " or ".join(_kind(one, titles) for one in entry["anyOf"] if one.get("type") != "null")
     if "enum" in entry:
         return ", ".join(f"`{value}`" for value in entry["enum"])
     if entry.get("type") == "array":
-        return f"list of {_kind(entry['items'])}" if "items" in entry else "two values"
+        return f"list of {_kind(entry['items'], titles)}" if "items" in entry else "two values"
     if entry.get("type") == "object":
         inner = entry.get("additionalProperties")
-        return f"table of {_kind(inner)}" if isinstance(inner, dict) else "table"
+        return f"table of {_kind(inner, titles)}" if isinstance(inner, dict) else "table"
     names = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true or false"}
     return names.get(entry.get("type", ""), f"`{entry['const']}`" if "const" in entry else "value")
 

@@ -84,6 +84,7 @@ def main():
     done = []
     with tempfile.TemporaryDirectory(prefix="cartpend-release-") as folder:
         place = Path(folder)
+        place.chmod(0o755)  # a test becomes a user who may not read a log, and must still read the package
         wheel, sdist = built(place / "dist")
         todo = [("sdist", wanted[-1], "highest", sdist, ())]
         todo += [
@@ -223,7 +224,8 @@ def tested(bin_, home, tests):
     files = [f"tests/{name}.py" for name in tests]
     where = [str(bin_ / "python"), "-c", "import cartpend_dae; print(cartpend_dae.__file__)"]
     assert "site-packages" in subprocess.run(where, cwd=home, env=clean(), **quiet()).stdout
-    done = subprocess.run([*command, *files], cwd=copy, env=clean(), **quiet())
+    # workers in other processes find the models of the tests, as they would find a user's own
+    done = subprocess.run([*command, *files], cwd=copy, env=clean() | {"PYTHONPATH": str(copy)}, **quiet())
     last = done.stdout.strip().splitlines()[-1] if done.stdout.strip() else done.stderr[-300:]
     if done.returncode:
         print(

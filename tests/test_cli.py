@@ -247,6 +247,20 @@ def test_version():
     assert result.exit_code == 0 and result.stdout.startswith("cartpend_dae ")
 
 
+@pytest.mark.parametrize("name", cli.COMMANDS)
+def test_the_example_of_a_command_can_be_called(name):
+    command = cli.loaded(name)
+    program, called, *arguments = cli.COMMANDS[name].example.split()
+    assert (program, called) == ("cartpend", name) and command.epilog == f"Example: {cli.COMMANDS[name].example}"
+    with command.make_context(name, arguments) as context:
+        assert context.params and not context.args
+
+
+def test_the_package_runs_as_a_module():
+    done = subprocess.run([sys.executable, "-m", "cartpend_dae", "effects", "zzz"], capture_output=True, text=True)
+    assert done.returncode == 2 and "no effect `zzz`" in done.stderr
+
+
 # --- wrong inputs ----------------------------------------------------------------------------------------
 
 

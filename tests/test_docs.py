@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from cartpend_dae.cli import app
+from cartpend_dae.effects import catalogue
 from cartpend_dae.study_schema import StudyTable
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -46,8 +47,27 @@ def run(line, monkeypatch):
     elif program == "cartpend":
         done = CliRunner().invoke(app, arguments)
         assert done.exit_code == 0, f"{line}\n{done.output}"
+        return done.output
     else:
         pytest.fail(f"`{line}` cannot be run here: blocks that show a program of others are `console`, not `sh`.")
+    return ""
+
+
+def one_line(text):
+    """Return a text without its line breaks and rules."""
+    return " ".join(re.sub("─+", " ", text).split())
+
+
+def check_printed(block, printed):
+    """Check that each line of a block was printed; its numbers may differ in the last digits between machines."""
+    number = r"-?\d+(?:\.\d+)?(?:e-?\d+)?"
+    for line in filter(None, map(one_line, block.splitlines())):
+        if line == "...":
+            continue
+        pattern = f"({number})".join(map(re.escape, re.split(number, line)))
+        wanted = [float(text) for text in re.findall(number, line)]
+        found = [[float(text) for text in match.groups()] for match in re.finditer(pattern, printed)]
+        assert wanted in found or any(row == pytest.approx(wanted, rel=1e-2) for row in found), line
 
 
 @pytest.fixture
@@ -67,7 +87,9 @@ def folder(tmp_path, monkeypatch):
 @pytest.mark.parametrize("page", list(pages_with("python", "sh")))
 def test_the_blocks_of_a_page_run(page, folder, monkeypatch, capsys):
     # A block that begins with the name of a file is that file; the others run one after the other.
-    namespace = {"__name__": "block"}
+    # What a `text` block after commands shows, they have printed.
+    namespace, printed = {"__name__": "block"}, ""
+    monkeypatch.setenv("COLUMNS", "200")
     for language, text in fences(page):
         named = re.match(r"# ([\w-]+\.(?:py|toml))\n", text)
         if named:
@@ -76,7 +98,11 @@ def test_the_blocks_of_a_page_run(page, folder, monkeypatch, capsys):
             exec(compile(text, f"block of {page.name}", "exec"), namespace)
         elif language == "sh":
             for line in filter(None, re.sub(r"\\\n *", "", text).splitlines()):
-                run(line, monkeypatch)
+                printed += one_line(run(line, monkeypatch)) + " "
+        elif language == "text" and printed:
+            check_printed(text, printed)
+        if language == "python":  # what follows may be of this block
+            printed = ""
     if page.name == "README.md":
         printed = capsys.readouterr().out
         angle, torque = (float(number) for number in re.findall(r"(-?[0-9.]+) (?:rad|N.m)", printed))
@@ -88,7 +114,10 @@ def test_the_blocks_of_a_page_run(page, folder, monkeypatch, capsys):
 def test_a_toml_block_is_a_study(page):
     for language, text in fences(page):
         if language == "toml":
-            assert set(tomllib.loads(text)) <= set(StudyTable.__dataclass_fields__)
+            study = tomllib.loads(text)
+            assert set(study) <= set(StudyTable.__dataclass_fields__)
+            search = study.get("discover", {})
+            assert {*search.get("exclude", ()), *search.get("include", ())} <= {card.id for card in catalogue()}
 
 
 def test_the_links_between_pages_lead_somewhere():

@@ -1,13 +1,15 @@
 """The estimation: exact derivatives, the right optimum, honest uncertainty."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from cartpend_dae import Component, ModelError, Statements, assemble, connect, initial, simulate
+from cartpend_dae import Component, ModelError, SolverError, Statements, assemble, connect, identify, initial, simulate
 from cartpend_dae.data import Channel, Experiment, Start
+from cartpend_dae.gauss_newton import Solution
 from cartpend_dae.identify import estimate
 from cartpend_dae.library import rotational, translational
 from cartpend_dae.pieces import load_experiments
@@ -156,6 +158,33 @@ def test_missing_samples_are_left_out():
     assert fit.n_residuals == 501 - 60
     assert np.isnan(fit.runs[0].residual[100:160]).all()
     assert abs(fit.parameters[0].value - 0.0375) < 4 * fit.parameters[0].sd
+
+
+def test_where_fixed_steps_do_not_follow_the_last_point_that_they_did_follow_stands(monkeypatch):
+    problem = pendulum_problem(free_start=False)
+    problem = replace(problem, free=(free_parameter(problem.system, "bearing.d", guess=0.01, upper=1e4),))
+    step = problem.experiments[0].time[1] / problem.layout.substeps
+    lost = 50 * 0.1719 * 0.86**2 / 3 / step  # a rate of 50 in a step; the method of Runge and Kutta takes 2.8
+
+    def astray(problem, values, nodes, w, data):
+        return Solution(np.array([problem.free[0].scaled(lost)]), nodes, 0.0, False, "Restoration_Failed", 3)
+
+    monkeypatch.setattr(identify, "interior_point", astray)
+    fit = estimate(problem, iterations=1)
+    assert not fit.success and fit.message == "Maximum_Iterations_Exceeded"
+    assert 0.01 < fit.values["bearing.d"] < 0.1  # it was made with 0.0375
+    with pytest.raises(
+        SolverError, match=rf"RotaDamp diverges in steps of {step:.3g} s at `bearing.d` = {lost:.3g}: na"
+    ):
+        estimate(problem, guess={"bearing.d": lost}, patient=False)
+
+
+def test_an_estimate_never_lies_beyond_its_bound():
+    # IPOPT relaxes bounds by 1e-8; the damping is 0.0375, and 0.05 the least that is allowed
+    problem = pendulum_problem(free_start=False)
+    free = (free_parameter(problem.system, "bearing.d", guess=0.2, lower=0.05, upper=1.0),)
+    (found,) = estimate(replace(problem, free=free), hessian="exact").parameters
+    assert 0.05 <= found.value < 0.05001 and found.status == "at-bound"
 
 
 class Inverted(Component):

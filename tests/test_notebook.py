@@ -138,3 +138,25 @@ def test_xarray_is_asked_for_where_it_is_missing(monkeypatch):
     run = simulate(demo_run().opened.system, 1.0, points=3)
     with pytest.raises(StudyError, match=r"needs xarray: pip install 'cartpend-dae\[xarray\]'"):
         run.to_xarray()
+
+
+def test_a_prompt_shows_a_few_lines_of_a_result():
+    found = demo_run().discovery
+    fit, shown = repr(found.search.final), repr(found)
+    assert fit.startswith("Fit of release1, release2: converged, residuals of ") and len(fit.splitlines()) < 12
+    assert re.search(r"\n  bearing\.coulomb_friction\.tau_c +0\.015016 ± 0\.000022 +N\.m", fit)
+    assert shown.startswith("RotaDamp: explained, added `bearing.coulomb_friction`\n") and len(shown.splitlines()) == 4
+    assert re.search(r"\n  release3 \(test\) +bearing\.phi +2\.17 deg +-> +0\.0602 deg$", shown)
+    system = demo_run().opened.system
+    assert repr(system) == "\n".join(str(system).splitlines()[:5])
+    assert repr(demo_run().opened).endswith("rota_damp.toml: RotaDamp, 3 runs, free: `bearing.d`")
+
+
+def test_a_prompt_shows_the_first_variables_of_a_trajectory():
+    values = np.outer([0.0, 1.0], np.arange(30.0))
+    names = tuple(f"x{k}" for k in range(30))
+    shown = repr(Trajectory(np.array([0.0, 2.0]), names, values, ("m",) * 30)).splitlines()
+    assert shown[0] == "30 variables from 0 s to 2 s, 2 samples"
+    assert shown[2].split() == ["x0", "0", "0", "m"] and shown[3].split() == ["x1", "0", "1", "m"]
+    assert len(shown) == 22 and shown[-1] == "  and 11 more"
+    assert repr(Trajectory(np.empty(0), ("x",), np.empty((0, 1)), ("m",))) == "1 variables, 0 samples"

@@ -31,7 +31,7 @@ def test_without_a_terminal_there_is_a_line_from_time_to_time():
     progress.end()
     (line,) = console.file.getvalue().splitlines()
     assert "candidate 1" in line and "residual" in line and "1.5 x noise" in line
-    assert "(2 of 4, 28 s left)" in line
+    assert "(2 of 4, 28 s left in this stage)" in line
 
 
 def test_a_terminal_has_one_line_that_is_written_over():
@@ -42,5 +42,5 @@ def test_a_terminal_has_one_line_that_is_written_over():
     progress("last fit", "bearing.coulomb_friction", 1.0)  # the same candidate again
     progress.end()
     text = console.file.getvalue()
-    assert "bearing.coulomb_friction" in text and "(1 of 2, 3 s left)" in text
+    assert "bearing.coulomb_friction" in text and "(1 of 2, 3 s left in this stage)" in text
     assert text.count("\n") <= 2

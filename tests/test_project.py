@@ -76,6 +76,16 @@ def test_an_unknown_or_ambiguous_component_is_answered_by_names():
         component("RailFricton")
     with pytest.raises(ModelError, match=r"several components `Fixed`: say which of .*`rotational.Fixed`"):
         component("Fixed")
+    with pytest.raises(ModelError, match=r"no component `zzz`; `cartpend components` lists all"):
+        component("zzz")
+    shown = run("components", "Fixed")
+    assert "rotational.Fixed" in shown and "translational.Fixed" in shown and "Force" not in shown
+
+
+def test_words_need_no_quotes():
+    assert run("components", "rail", "friction") == run("components", "rail friction")
+    assert "quadratic_drag" in run("effects", "drag", "square")
+    assert "lists all" in run("effects", "zzz", code=2)
 
 
 def test_every_effect_is_listed():
@@ -116,3 +126,9 @@ def test_what_is_no_result_is_refused(tmp_path, text, sentence):
         (tmp_path / "result.json").write_text(text)
     with pytest.raises(StudyError, match=sentence):
         read_result(tmp_path)
+
+
+def test_check_names_the_ends_that_hang_free(tmp_path):
+    make_project(tmp_path / "rig")
+    said = run("check", tmp_path / "rig" / "rig.py")
+    assert "where nothing acts (1):\n  cart.flange_b\n" in said

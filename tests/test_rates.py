@@ -78,6 +78,12 @@ def test_experiments_that_tell_nothing_are_said_to():
     )
 
 
+@pytest.mark.parametrize(("distance", "written"), [(43.21, "43"), (1114.0, "1,110"), (1.954e6, "1,950,000")])
+def test_evidence_is_written_without_an_exponent(distance, written):
+    said = Split("bearing.a", "bearing.b", (("release", distance),)).sentence
+    assert said == f"To tell `bearing.a` from `bearing.b`, record: release (evidence about {written})."
+
+
 def test_what_gains_nothing_rises_by_no_minus_zero():
     assert too_little(-1e-9) == "BIC stays as it is"
     assert too_little(-3.21) == "BIC rises by 3.2"

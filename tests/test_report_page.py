@@ -154,6 +154,16 @@ def test_a_parameter_says_how_far_it_moved():
     assert before.low < before.middle < before.high and after.high < before.low
 
 
+@pytest.mark.parametrize(
+    ("z", "is_more", "words"), [(9.5, True, "structure is left"), (-2.6, False, "no structure is left")]
+)
+def test_the_ledger_says_whether_structure_is_left(z, is_more, words):
+    gate = {"baseline": {"largest": z, "is_more_than_noise": is_more}, "limit": 4.0}
+    runs = {"first": {"role": "train"}}
+    said = findings.ledger_lines({"candidates": [], "baseline": {"experiments": runs}, "gate": gate, "steps": []})
+    assert said[0] == f"The model as it was is fitted on first; {words}: z = {number(z)} (limit 4)."
+
+
 def test_rates_have_their_intervals():
     """1 of 20: 0.1 to 25 % (Clopper and Pearson); 20 of 20: 83 to 100 %."""
     rates = [{"removed": None, "n": 20, "hits": 1}, {"removed": "bearing.coulomb_friction", "n": 20, "hits": 20}]

@@ -329,7 +329,7 @@ def test_a_broken_study_gets_one_sentence(tmp_path, text, sentence):
     with pytest.raises(StudyError) as caught:
         load_study(path)
     (line,) = str(caught.value).splitlines()
-    assert line.startswith(f"{path}: ") and line.endswith(".") and sentence in line
+    assert line.startswith(f"{path}: ") and line.endswith((".", "?")) and "?." not in line and sentence in line
 
 
 def test_all_findings_are_reported_at_once(tmp_path):
@@ -411,7 +411,7 @@ WRONG_MODELS = {
         {},
         r"the model file fails: line 1: invalid syntax in `class Rig\(:`\.",
     ),
-    "name": ("\n\nx = undefined\n", None, {}, r"line 3: NameError: name 'undefined' is not defined\."),
+    "name": ("\n\nx = undefined\n", None, {}, r"line 3: there is no `undefined`; define or import it first\.$"),
     "import": (
         "import nowhere_at_all\n",
         None,
@@ -439,7 +439,25 @@ WRONG_MODELS = {
         ONE + "\n    def __post_init__(self):\n        self.half = 1.0 / 0.0\n",
         None,
         {},
-        r"`Mass` cannot be made with no arguments: line 14: ZeroDivisionError: float division by zero\.",
+        r"`Mass` cannot be made: line 14: ZeroDivisionError: float division by zero\.",
+    ),
+    "misspelt": (
+        ONE + "\n    def __post_init__(self):\n        self.half = Componant()\n",
+        None,
+        {},
+        r"`Mass` cannot be made: line 14: there is no `Componant`; did you mean `Component`\?$",
+    ),
+    "misspelt import": (
+        "from cartpend_dae.library.rotational import AngelSensor\n",
+        None,
+        {},
+        r"line 1: `cartpend_dae\.library\.rotational` has no `AngelSensor`; did you mean `AngleSensor`",
+    ),
+    "elsewhere": (
+        "from cartpend_dae.library.rotational import ElastoBacklash\n",
+        None,
+        {},
+        r"has no `ElastoBacklash`; .* `cartpend components ElastoBacklash` looks in all modules\.$",
     ),
 }
 
@@ -453,6 +471,12 @@ def test_a_wrong_model_gets_one_sentence(tmp_path, text, name, arguments, senten
     assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
     if "fails" in str(caught.value):
         assert not {module for module in set(sys.modules) - before if module.startswith("_cartpend_model_")}
+
+
+def test_a_missing_file_is_answered_by_the_one_that_is_named_alike(tmp_path):
+    write(tmp_path, "", "rig_two.py")
+    with pytest.raises(StudyError, match=r"rig_too\.py: there is no such model file; did you mean `rig_two\.py`\?$"):
+        load_model(ModelReference(tmp_path / "rig_too.py"))
 
 
 def test_a_missing_model_file(tmp_path):

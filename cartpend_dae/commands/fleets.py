@@ -25,7 +25,7 @@ class Work(StrEnum):
 
 @spoken
 def fleet(
-    studies: Annotated[list[Path], typer.Argument(metavar="STUDY...", help="Study files (TOML).")],
+    studies: Annotated[list[Path], typer.Argument(metavar="STUDY", help="Study files (TOML).")],
     out: Annotated[Path, typer.Option(help="Folder for the results, with one in it for each study.")] = Path("fleet"),
     command: Annotated[Work, typer.Option(help="What is done with each study.")] = Work.discover,
     jobs: Jobs = 1,

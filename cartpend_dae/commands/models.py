@@ -65,7 +65,9 @@ class Friction(StrEnum):
     ignored = "ignored"
 
 
-Target = Annotated[str, typer.Argument(help="A study (FILE.toml) or a model (FILE.py, FILE.py:Class, FILE.mo).")]
+Target = Annotated[
+    str, typer.Argument(metavar="TARGET", help="A study (FILE.toml) or a model (FILE.py, FILE.py:Class, FILE.mo).")
+]
 
 
 @spoken

@@ -19,11 +19,11 @@ from cartpend_dae.report.comparison import Difference, differences, read_result
 from cartpend_dae.shelf import Entry, component, components, matching
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-Words = Annotated[str, typer.Argument(metavar="[WORDS]", help="Only what holds these words.")]
+Words = Annotated[list[str] | None, typer.Argument(metavar="WORDS", help="Only what holds these words.")]
 
 
 @spoken
-def new(folder: Annotated[Path, typer.Argument(help="A folder that is new or empty.")]) -> None:
+def new(folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A folder that is new or empty.")]) -> None:
     """Start a project that runs: a model, a study and three logs, to be replaced by your own."""
     study = make_project(folder)
     say(
@@ -34,15 +34,16 @@ def new(folder: Annotated[Path, typer.Argument(help="A folder that is new or emp
 
 
 @spoken
-def list_components(words: Words = "", as_json: Json = False) -> None:
-    """List the components of the library; of one named exactly, say all. Example: cartpend components friction."""
-    entries = components()
-    if words and any(words in (entry.name, entry.name.split(".")[1]) for entry in entries):
-        _tell(component(words), as_json)
+def list_components(words: Words = None, as_json: Json = False) -> None:
+    """List the components of the library; of one named exactly, say all."""
+    entries, text = components(), " ".join(words or ())
+    exact = [entry for entry in entries if text in (entry.name, entry.name.split(".")[1])]
+    if len(exact) == 1:
+        _tell(exact[0], as_json)
         return
-    found = matching(entries, words)
-    if words and not found:
-        component(words)  # says what is near
+    found = exact or matching(entries, text)
+    if not found:
+        component(text)  # says what is near
     if as_json:
         print(json.dumps([asdict(entry) for entry in found], indent=1))
         return
@@ -50,17 +51,19 @@ def list_components(words: Words = "", as_json: Json = False) -> None:
     for entry in found:
         table.add_row(entry.name, entry.summary)
     console_of_results().print(table)
-    say(console_of_results(), f"{len(found)} components; `cartpend components NAME` says all of one.")
+    count = f"{len(found)} component{'s' * (len(found) != 1)}"
+    say(console_of_results(), f"{count}; `cartpend components NAME` says all of one.")
 
 
 @spoken
-def list_effects(words: Words = "", as_json: Json = False) -> None:
-    """List the effects that `discover` tries; of one named exactly, say all. Example: cartpend effects backlash."""
-    cards = catalogue()
-    found = [card for card in cards if all(w in f"{card.id} {card.summary}".lower() for w in words.lower().split())]
-    exact = [card for card in cards if card.id == words]
-    if words and not found:
-        raise ModelError(f"The catalogue has no effect `{words}`{nearest(words, [card.id for card in cards])}")
+def list_effects(words: Words = None, as_json: Json = False) -> None:
+    """List the effects that `discover` tries; of one named exactly, say all."""
+    cards, text = catalogue(), " ".join(words or ())
+    found = [card for card in cards if all(w in f"{card.id} {card.summary}".lower() for w in text.lower().split())]
+    exact = [card for card in cards if card.id == text]
+    if not found:
+        near = nearest(text, [card.id for card in cards], otherwise="`cartpend effects` lists all.")
+        raise ModelError(f"The catalogue has no effect `{text}`{near}")
     if as_json:
         print(json.dumps([_plain(card) for card in exact or found], indent=1))
         return
@@ -71,13 +74,13 @@ def list_effects(words: Words = "", as_json: Json = False) -> None:
     for card in sorted(found, key=lambda card: card.id):
         table.add_row(card.id, card.insertion, card.summary)
     console_of_results().print(table)
-    say(console_of_results(), f"{len(found)} effects; `cartpend effects ID` says all of one.")
+    say(console_of_results(), f"{len(found)} effect{'s' * (len(found) != 1)}; `cartpend effects ID` says all of one.")
 
 
 @spoken
 def diff(
-    first: Annotated[Path, typer.Argument(help="A folder of results.")],
-    second: Annotated[Path, typer.Argument(help="Another one.")],
+    first: Annotated[Path, typer.Argument(metavar="FIRST", help="A folder of results.")],
+    second: Annotated[Path, typer.Argument(metavar="SECOND", help="Another one.")],
     as_json: Json = False,
 ) -> None:
     """Say what two results tell differently: verdict, effects, parameters, errors. Exit code 1 if anything."""

@@ -80,7 +80,7 @@ def identify(
     if found.profiles or found.bootstrap is not None:
         console.print(tables.interval_table(found))
     sentence = identification_sentence(opened, found.fit, found.errors, found.gate)
-    say(console, *remarks(found.fit), sentence, f"Written: {out}")
+    say(console, *remarks(found.fit), sentence, _written(out))
 
 
 @spoken
@@ -148,4 +148,9 @@ def _discover(
         console.print(tables.score_table(discovery.before, after))
     console.print(tables.estimate_table(search.baseline if search.steps else None, search.final, opened))
     sentences = (*remarks(search.final), *alias_sentence(search), *beyond_sentences(discovery))
-    say(console, *sentences, discovery_sentence(discovery), f"Written: {out}")
+    say(console, *sentences, discovery_sentence(discovery), _written(out))
+
+
+def _written(out: Path) -> str:
+    """Say where the results are, and which file to open first."""
+    return f"Written: {out}; open {out / 'report.html'}"

@@ -17,7 +17,7 @@ from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.everyday import quantity
 from cartpend_dae.identify import Fit
 from cartpend_dae.language import Component
-from cartpend_dae.notebook import table
+from cartpend_dae.notebook import lines, table
 from cartpend_dae.parallel import Workers
 from cartpend_dae.stepping import shortest_times
 
@@ -42,8 +42,16 @@ class Discovery:
     model_plus: Component
     beyond: Beyond = Beyond(None, (), ())
 
+    def __repr__(self) -> str:
+        title, rows = self._shown()
+        return lines(title, [(name, output, before, "->", after) for name, output, before, after in rows])
+
     def _repr_html_(self) -> str:
         """Show in a notebook what was added, and the errors before and after."""
+        title, rows = self._shown()
+        return table(title, ("run", "output", "error before", "error after"), rows)
+
+    def _shown(self) -> tuple[str, list[tuple[str, str, str, str]]]:
         added = [f"`{step.candidate.insertion.prefix}`" for step in self.search.steps]
         last = {run.name: run for run in self.after.runs}
         rows = [
@@ -52,7 +60,7 @@ class Discovery:
             for name, e, after in zip(run.outputs, run.outputs.values(), last[run.name].outputs.values(), strict=True)
         ]
         title = f"{type(self.setup.model).__name__}: {self.search.verdict}, added {', '.join(added) or 'nothing'}"
-        return table(title, ("run", "output", "error before", "error after"), rows)
+        return title, rows
 
 
 def _silent(stage: str, label: str, error: float) -> None:

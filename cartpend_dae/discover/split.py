@@ -55,7 +55,8 @@ class Split:
                 f"None of {len(self.ranking)} experiments tells `{self.chosen}` from `{self.rival}` "
                 f"(evidence of {distance:.1f} at most, where {CLEAR:g} would tell): another sensor is needed."
             )
-        return f"To tell `{self.chosen}` from `{self.rival}`, record: {name} (evidence about {distance:.3g})."
+        evidence = f"{float(f'{distance:.3g}'):,.0f}"
+        return f"To tell `{self.chosen}` from `{self.rival}`, record: {name} (evidence about {evidence})."
 
 
 def splits(bench: Workbench, search: Search, *, plan: Plan | None = None) -> tuple[Split, ...]:

@@ -66,14 +66,15 @@ class FmuCheck:
     def __str__(self) -> str:
         """Return a report for people."""
         d, fmu = self.fmu.description, self.fmu
-        counts = ", ".join(f"{len(fmu.names(c))} {c}s" for c in ("parameter", "input", "output", "local"))
+        counts = ", ".join(_counted(len(fmu.names(c)), c) for c in ("parameter", "input", "output", "local"))
         lines = [
             f"{self.path.name}: `{d.model}`, FMI {d.version}, {' and '.join(k.upper() for k in d.kinds) or 'no kind'}",
             f"  made by {d.tool or 'an unnamed tool'}; libraries for {', '.join(d.platforms) or 'no machine'}",
-            f"  numeric variables: {counts}; {d.n_states} states, {d.n_indicators} event indicators",
+            f"  numeric variables: {counts}; {_counted(d.n_states, 'state')}, "
+            f"{_counted(d.n_indicators, 'event indicator')}",
         ]
         for checker, found in self.findings.items():
-            lines.append(f"  {checker}: {'nothing found' if not found else f'{len(found)} findings'}")
+            lines.append(f"  validated by {checker}: {_counted(len(found), 'finding') if found else 'no fault'}")
             lines += [f"    - {text}" for text in found[:20]]
         for run in self.runs:
             outcome = f"{run.rows} rows" if not run.problem else f"FAILED: {run.problem}"
@@ -82,6 +83,10 @@ class FmuCheck:
         lines.append(f"  {WARNING}")
         lines.append("PASSED" if self.passed else "NOT PASSED")
         return "\n".join(lines)
+
+
+def _counted(n: int, what: str) -> str:
+    return f"{n} {what}{'' if n == 1 else 's'}"
 
 
 def check_fmu(path: Path | str, *, stop: float | None = None, limit: float = 30.0) -> FmuCheck:

@@ -218,10 +218,9 @@ def ledger_lines(result: Json) -> list[str]:
     runs = result["baseline"]["experiments"]
     by_role = {role: [name for name, head in runs.items() if head["role"] == role] for role in ROLES}
     gate = result["gate"]
-    found = [
-        f"The model as it was is fitted on {listed(by_role['train'])}; structure left: z = "
-        f"{number(gate['baseline']['largest'])} (limit {gate['limit']:g})."
-    ]
+    z = f"z = {number(gate['baseline']['largest'])} (limit {gate['limit']:g})"
+    left = "structure is left" if gate["baseline"]["is_more_than_noise"] else "no structure is left"
+    found = [f"The model as it was is fitted on {listed(by_role['train'])}; {left}: {z}."]
     if candidates:
         found.append(f"{len(candidates)} candidates are looked at, {fitted} of them fitted.")
     for step in result["steps"]:

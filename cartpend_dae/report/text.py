@@ -205,10 +205,17 @@ def describe_model(system: System, *, everything: bool = False) -> str:
         _section("flat equations", flat_equations(flat), everything),
         _section("start equations", start_equations(flat), everything),
         _section("start, with inputs at rest", _start_lines(system), everything),
+        _section("ports that are not connected, where nothing acts", open_ports(flat), everything),
         _section("eliminated, each as it follows from what is left", system.eliminated, everything),
         str(system).splitlines(),
     ]
     return "\n".join(line for section in sections for line in section)
+
+
+def open_ports(flat: FlatSystem) -> tuple[str, ...]:
+    """Return the ports that no `connect` names: free ends, or one that was forgotten."""
+    found = (re.match(r"unconnected (.+): sum of ", origin) for origin in flat.origins)
+    return tuple(sorted({match[1] for match in found if match}))
 
 
 def _start_lines(system: System) -> tuple[str, ...]:

@@ -265,9 +265,9 @@ BAD: dict[str, Case] = {
         "run.csv", text(["Logger 3", "Serial: 77", *rows()]), r"row 1 has 3 cells, the first row 1: .*lines before the header by `format\.skip_rows`"
     ),
     # columns
-    "wrong column": Case("run.csv", text(rows(header="t,u,position")), r"there is no column `s`; .*The columns are: `t`, `u`, `pos"),
+    "wrong column": Case("run.csv", text(rows(header="t,u,position")), r"there is no column `s`\. The columns are: `t`, `u`, `pos"),
     "misspelt columns": Case("run.csv", text(rows(header="T,u,ss")), r"no column `t`, `s`; did you mean `ss`\?"),
-    "bracket that is no unit": Case("run.csv", text(rows(header="t,u,s [raw]")), r"no column `s`; .*`s \[raw\]`"),
+    "bracket that is no unit": Case("run.csv", text(rows(header="t,u,s [raw]")), r"no column `s`[.] .*`s \[raw\]`"),
     # numbers
     "text in numbers": Case("run.csv", changed(7, 2, "n.a.?"), r"`s` holds 'n\.a\.\?' in row 7, .*not a number \(1 such rows\).*leave"),
     "unit in the cell": Case("run.csv", changed(3, 1, "1.5 V"), r"`u` holds '1\.5 V' in row 3, which is not a number"),
@@ -340,17 +340,17 @@ BAD: dict[str, Case] = {
     "text named mat": Case("run.mat", text(rows()), NOT_MAT + r"it is text; name it \.csv"),
     "empty mat": Case("run.mat", raw(b""), "the file is empty: the file is not a MATLAB file"),
     "mat of noise": Case("run.mat", raw(bytes(np.random.default_rng(3).integers(0, 256, 4000, np.uint8))), NOT_MAT),
-    "mat header only": Case("run.mat", raw(mat_bytes()[:128]), r"no column `t`, `u`, `s`; It has no numeric columns"),
+    "mat header only": Case("run.mat", raw(mat_bytes()[:128]), r"no column `t`, `u`, `s`[.] It has no numeric columns"),
     "mat truncated": Case("run.mat", raw(mat_bytes()[:700]), NOT_MAT),
     "packed mat truncated": Case("run.mat", raw(mat_bytes(compress=True)[:-60]), NOT_MAT),
     "mat claims 2 GB": Case("run.mat", raw(claimed(False)), r"`s` \(250000000x1\) would take 2\.0 GB of memory, .*cut the file"),
     "packed mat claims 2 GB": Case("run.mat", raw(claimed(True)), r"`s` \(250000000x1\) would take 2\.0 GB of memory"),
-    "no such variable": Case("run.mat", lambda path: scipy.io.savemat(path, {"t": TIME, "u": VOLTAGE}), "no column `s`; .*`t`, `u`"),
-    "variable of text": Case("run.mat", mat(s="warm"), "no column `s`; .*`t`, `u`"),
+    "no such variable": Case("run.mat", lambda path: scipy.io.savemat(path, {"t": TIME, "u": VOLTAGE}), "no column `s`[.] .*`t`, `u`"),
+    "variable of text": Case("run.mat", mat(s="warm"), "no column `s`[.] .*`t`, `u`"),
     "complex variable": Case("run.mat", mat(s=PLACE * 1j), "no column `s`"),
     "three dimensions": Case("run.mat", mat(s=np.zeros((N, 2, 2))), "no column `s`"),
     "unequal lengths": Case("run.mat", mat(s=PLACE[:-1]), "the columns differ in length: `t` 40, `u` 40, `s` 39; name a column"),
-    "half of a matrix": Case("run.mat", mat(s=np.column_stack([PLACE, PLACE])), r"no column `s`; .*`s\(:,1\)`, `s\(:,2\)`"),
+    "half of a matrix": Case("run.mat", mat(s=np.column_stack([PLACE, PLACE])), r"no column `s`[.] .*`s\(:,1\)`, `s\(:,2\)`"),
     "7.3 of noise": Case(
         "run.mat", raw(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(500)), NOT_MAT + "|which needs h5py"
     ),

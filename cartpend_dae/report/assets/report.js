@@ -238,7 +238,7 @@
       const measured = { label: "measured", values: output.measured, color: "measured", look: "measured", width: many ? 4 : 0, points: !many };
       plots.push(chart(holder, time, [...sure, measured, ...models], 260, { title: head, unit: output.unit, first: output === outputs[0], last: false }));
       models.forEach((model, i) => {
-        const residual = output.curves[i].residual, strip = title(`residual${models.length > 1 ? ` ${model.label}` : ""} [${output.unit}]`, noise ? `noise ${digits(noise)} ${output.unit}` : "");
+        const residual = output.curves[i].residual, strip = title(`residual${models.length > 1 ? ` ${model.label}` : ""} [${output.unit}]`, noise ? `noise ${digits(Number(noise.toPrecision(3)))} ${output.unit}` : "");
         holder.append(strip);
         plots.push(chart(holder, time, [{ ...model, label: "residual", values: residual, dash: undefined, width: 1 }], i === last ? 118 : 92, {
           title: strip, unit: output.unit, band: noise ? 2 * noise : 0, last: i === last,
