@@ -8,7 +8,6 @@ from scipy.optimize import lsq_linear
 
 from cartpend_dae.discover.evidence import determined
 from cartpend_dae.discover.records import Candidate
-from cartpend_dae.discover.sweep import Sweep
 from cartpend_dae.discover.unknown_input import likelihood, whitened
 from cartpend_dae.discover.weigh import LEFT, Forces, Weighed, weigh
 from cartpend_dae.discover.workbench import ROUGH, Workbench
@@ -34,6 +33,8 @@ DIVERGED = 1e50
 # columns of which no more is left are not told from what is fitted already
 BLIND = 1e-8
 TINY = 1e-150
+# columns that are whitened at once, which bounds the memory
+MANY = 100
 
 
 def penalty(n_options: int) -> float:
@@ -109,32 +110,45 @@ def _likelier(
     return fit, weighed
 
 
-def predictions(batch: list[Candidate], found: Sweep, base: Weighed) -> list[Candidate]:
+def predictions(pairs: list[tuple[Candidate, Mapping[str, np.ndarray]]], base: Weighed) -> list[Candidate]:
     """Predict by how much -2 ln likelihood would fall with each candidate, random forces at their likeliest.
 
     Parameters
     ----------
-    batch
-        Candidates.
-    found
-        What their sizes change.
+    pairs
+        Candidates, and what their sizes change, by name, shape (n,).
     base
         The model without them.
     """
-    names = [name for name, column in found.sizes.items() if np.all(np.abs(column) < DIVERGED)]
-    diverged = [c for c in batch if not set(c.insertion.size_names) <= set(names)]
-    batch = [c for c in batch if c not in diverged]
+    judged = [(c, list(columns.values())) for c, columns in pairs]
+    found: list[Candidate] = []
+    while judged:
+        count, width = 0, 0
+        while count < len(judged) and (width := width + len(judged[count][1])) <= MANY:
+            count += 1
+        found += _predictions(judged[: max(count, 1)], base)
+        judged = judged[max(count, 1) :]
+    return found
+
+
+def _predictions(pairs: list[tuple[Candidate, list[np.ndarray]]], base: Weighed) -> list[Candidate]:
     known = [base.found.residual, *base.found.base.T]
-    rows = base.chain.spread(np.column_stack([*known, *(found.sizes[name] for name in names)]))
+    is_good = [bool(columns) and all(np.all(np.abs(column) < DIVERGED) for column in columns) for _, columns in pairs]
+    new = [column for (_, columns), good in zip(pairs, is_good, strict=True) if good for column in columns]
+    rows = base.chain.spread(np.column_stack([*known, *new]))
     sizes = np.array([share * base.forces.sizes for share in LEFT])
     white = whitened(base.chain, rows, sizes, np.tile(base.forces.times, (len(LEFT), 1)))
     grams = [_new(one[base.chain.measured], len(known)) for one in white.rows]
-    n = int(base.chain.measured.sum())
-    place = {name: 1 + i for i, name in enumerate(names)}
-    lost = [replace(c, predicted=0.0, why_not=c.why_not or "its simulation diverges") for c in diverged]
-    return lost + [
-        _predicted(c, [place[x] for x in c.insertion.size_names], grams, white.determinant, n, base) for c in batch
-    ]
+    n, first, found = int(base.chain.measured.sum()), 1, []
+    for (candidate, columns), good in zip(pairs, is_good, strict=True):
+        if good:
+            own = list(range(first, first + len(columns)))
+            found.append(_predicted(candidate, own, grams, white.determinant, n, base))
+            first += len(columns)
+        else:
+            why = candidate.why_not or "its simulation diverges"
+            found.append(replace(candidate, predicted=0.0, why_not=why))
+    return found
 
 
 def _new(rows: np.ndarray, n_known: int) -> np.ndarray:

@@ -101,7 +101,8 @@ def screen(
 
 def _kept(at: "_At", options: list[Insertion]) -> list[Prediction]:
     """Screen all, as it can be kept on disk."""
-    found = (c for batch in _batches(options) for c in _screened(at, batch))
+    pairs = [pair for batch in _batches(options) for pair in _screened(at, batch)]
+    found = [c for c, _ in pairs] if at.weighed is None else predictions(pairs, at.weighed)
     number = {id(option): k for k, option in enumerate(options)}
     return [Prediction(number[id(c.insertion)], c.parameters, c.predicted, c.why_not, c.response) for c in found]
 
@@ -134,36 +135,41 @@ class _At:
     def alone(self, option: Insertion) -> Sweep:
         return one_by_one(self.bench, self.taken, option, self.point, self.bandwidth, self.sd)
 
-    def predictions(self, batch: tuple[Insertion, ...], found: Sweep) -> list[Candidate]:
-        plain = _predictions(batch, found)
-        return plain if self.weighed is None else predictions(plain, found, self.weighed)
+
+_Judged = tuple[Candidate, Mapping[str, np.ndarray]]
 
 
-def _screened(at: _At, batch: tuple[Insertion, ...]) -> list[Candidate]:
-    """Judge a batch together; those too fast for that alone, and halves where something cannot be simulated."""
+def _screened(at: _At, batch: tuple[Insertion, ...]) -> list[_Judged]:
+    """Judge a batch together; those too fast for that alone, and halves where something cannot be simulated.
+
+    With each candidate goes what its sizes change, by name.
+    """
     try:
         found = at.sweep(batch)
     except (SolverError, ModelError) as error:
         if len(batch) == 1:
-            return [Candidate(batch[0], batch[0].starts, 0.0, 0.0, 0.0, None, f"it cannot be tried: {error}")]
+            return [(Candidate(batch[0], batch[0].starts, 0.0, 0.0, 0.0, None, f"it cannot be tried: {error}"), {})]
         half = len(batch) // 2
         return [c for part in (batch[:half], batch[half:]) for c in _screened(at, part)]
     smooth = tuple(option for option in batch if all(name in found.sizes for name in option.size_names))
-    return at.predictions(smooth, found) + [_alone(at, o) for o in batch if o not in smooth]
+    return _predictions(smooth, found) + [_alone(at, o) for o in batch if o not in smooth]
 
 
-def _alone(at: _At, option: Insertion) -> Candidate:
+def _alone(at: _At, option: Insertion) -> _Judged:
     try:
-        return at.predictions((option,), at.alone(option))[0]
+        return _predictions((option,), at.alone(option))[0]
     except (SolverError, ModelError) as error:
-        return Candidate(option, option.starts, 0.0, 0.0, 0.0, None, f"it cannot be tried: {error}")
+        return Candidate(option, option.starts, 0.0, 0.0, 0.0, None, f"it cannot be tried: {error}"), {}
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
-def _predictions(batch: tuple[Insertion, ...], found: Sweep) -> list[Candidate]:
+def _predictions(batch: tuple[Insertion, ...], found: Sweep) -> list[_Judged]:
     basis = _basis(found.base)
     left = found.residual - basis @ (basis.T @ found.residual)
-    return [_predict(insertion, found, basis, left) for insertion in batch]
+    return [
+        (_predict(insertion, found, basis, left), {name: found.sizes[name] for name in insertion.size_names})
+        for insertion in batch
+    ]
 
 
 def _basis(columns: np.ndarray) -> np.ndarray:
