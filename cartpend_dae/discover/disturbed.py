@@ -273,13 +273,17 @@ def _selection(
     return float(np.sum(run_through(problem, scaled_values(problem, known), w, data)[0] ** 2))
 
 
+def margin_of(gain: float) -> float:
+    """Return by how much less an effect may gain than the best one and explain the data alike."""
+    return max(ALIKE, ALIKE_SHARE * gain)
+
+
 def ordered(judged: list[Candidate], second: Callable[[Candidate, Candidate], str]) -> list[Candidate]:
     """Put the one to take first: of those that explain the data alike, the one with the fewest parameters."""
     found = sorted(judged, key=lambda c: (bool(c.why_not), -c.gain))
     good = [c for c in found if not c.why_not]
     if not good:
         return found
-    margin = max(ALIKE, ALIKE_SHARE * good[0].gain)
-    alike = [c for c in good if good[0].gain - c.gain < margin]
+    alike = [c for c in good if good[0].gain - c.gain < margin_of(good[0].gain)]
     first = min(alike, key=lambda c: (determined(c.fit), -c.gain))
     return [first, *(replace(c, why_not=c.why_not or second(c, first)) for c in found if c is not first)]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cartpend_dae.discover.choice import NEAR, SHAPE, are_parallel, step_of
-from cartpend_dae.discover.disturbed import ALIKE, fitted, penalty
+from cartpend_dae.discover.disturbed import ALIKE, fitted, margin_of, penalty
 from cartpend_dae.discover.evidence import bic, with_robust_sd
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.mirror import mirrored
@@ -16,7 +16,7 @@ from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdi
 from cartpend_dae.discover.regime import best_bandwidth
 from cartpend_dae.discover.screen import candidates, is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import MIN_BIC_GAIN, try_all
+from cartpend_dae.discover.trial import MIN_BIC_GAIN, is_nearly_all, try_all
 from cartpend_dae.discover.weigh import loads_at, weigh
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place
@@ -77,9 +77,13 @@ def search(
             # no sum of effects leaves noise alone, so that something else moves the rig as well
             without, found = (start, base), log.steps
             rules, start = _forced(bench, noise, start)
-            log.steps, log.base = [], None
-            base = _grow(bench, start, rules, library, max_steps, log)
-            if found and not log.steps:  # what is wrong at a sensor, the injection that suits the forces hides
+            ranked = try_all(bench, start, rules, candidates(*library, ()))
+            stands = bool(found) and is_nearly_all(base) and _is_among_best(found[0], ranked)
+            if not stands:
+                log.steps, log.base = [], None
+                base = _grow(bench, start, rules, library, max_steps, log, ranked)
+            if stands or (found and not log.steps):
+                # both agree on it; or it is wrong at a sensor, which the injection that suits the forces hides
                 rules, (start, base), log.steps = replace(noise, regime="disturbances"), without, found
     except KeyboardInterrupt:
         log.is_interrupted, base = True, log.base or start
@@ -161,8 +165,26 @@ def _forced(bench: Workbench, noise: Rules, base: Base) -> tuple[Rules, Base]:
     return rules, Base((), {bandwidth: fit}, base.bare, weighed)
 
 
-def _grow(bench: Workbench, base: Base, rules: Rules, library: _Library, max_steps: int, log: _Log) -> Base:
-    """Add effects while there is structure; the free simulation has it, so there is always a first round."""
+def _is_among_best(step: Step, ranked: list[Candidate]) -> bool:
+    """Return whether an effect explains as much against random forces as the one that would be taken there."""
+    best = ranked[0].gain if ranked and not ranked[0].why_not else 0.0
+    own = next((c.gain for c in ranked if c.insertion.prefix == step.candidate.insertion.prefix), 0.0)
+    return own > 0 and best - own < margin_of(best)
+
+
+def _grow(
+    bench: Workbench,
+    base: Base,
+    rules: Rules,
+    library: _Library,
+    max_steps: int,
+    log: _Log,
+    first_round: list[Candidate] | None = None,
+) -> Base:
+    """Add effects while there is structure; the free simulation has it, so there is always a first round.
+
+    Candidates of the first round may have been judged already.
+    """
     first = base
     while len(log.steps) < max_steps:
         options = candidates(*library, base.taken)
@@ -170,7 +192,8 @@ def _grow(bench: Workbench, base: Base, rules: Rules, library: _Library, max_ste
             options = _supported(bench, base, rules, options)
             if not options:
                 break
-        ranked = try_all(bench, base, rules, options)
+        ranked = first_round or try_all(bench, base, rules, options)
+        first_round = None
         log.tried |= {candidate.insertion.prefix: candidate for candidate in ranked}
         if not ranked or ranked[0].why_not:
             break
