@@ -94,9 +94,10 @@ def test_a_place_in_series_stands_for_all_that_pass_on_the_same():
     # a sensor passes on nothing
     assert not any("encoder" in name for place in found.values() for name in (place.at, *place.same_motion))
     springs = by_manner(LinearDampMod())["series"]
-    assert springs["spring_1.flange_a"].same_motion == ("spring_1.flange_b",)
+    assert springs["spring_1.flange_b"].same_motion == ()
     assert set(springs["cart.flange_b"].same_motion) == {"spring_2.flange_a", "spring_2.flange_b"}
-    # a base stands apart, and only takes what is made for it
+    # a base stands apart with what it alone holds, and only takes what is made for it
+    assert springs["left.flange"].same_motion == ("spring_1.flange_a",)
     assert [card.id for card in CARDS.values() if fits(card, springs["left.flange"])] == ["base_compliance"]
 
 

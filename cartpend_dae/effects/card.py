@@ -77,6 +77,8 @@ class Card:
         Where it comes from.
     hosts
         Components at which it may stand; all, if empty.
+    load
+        Of friction at a bearing: the input of the effect that takes the force in it, which the model must know.
     constant, reads
         Of a law: the parameter of the host that it multiplies, and {input of the effect: variable of the host}.
     units
@@ -99,6 +101,7 @@ class Card:
     excited_by: str
     source: str
     hosts: tuple[type[Component], ...] = ()
+    load: str = ""
     constant: str = ""
     reads: Mapping[str, str] = field(default_factory=dict)
     units: tuple[str, ...] = ()

@@ -93,7 +93,7 @@ def elastic_cards() -> tuple[Card, ...]:
             summary="torsion of a cable or of grease, part of which relaxes",
             insertion="parallel",
             components={R: rotational_loads.BearingTorsion},
-            parameters=(level("c"), level("c_1"), shape("T_1", (0.1, 1.0))),
+            parameters=(level("c"), level("c_1"), shape("T_1", (0.1, 1.0)), shape("e_0", (0.5,), lower=0.0, upper=1.0)),
             dissipative=False,
             nested_in=(),
             equivalent_to={"linear_stiffness": "its part that stays"},
