@@ -7,7 +7,8 @@ cannot do that, as rigid means an infinite stiffness. So a link carries the comp
 follows the force with a lag of second order, der(der(y)) = w_c^2 (f - y) - 2 D w_c der(y), q = h y: that is a spring
 c = 1/h, a damper 2 D c/w_c and an inertance c/w_c^2 side by side. Below the cut-off w_c it is the spring and the
 damper; above, it is rigid, and no vibration is faster than w_c, so that fixed steps can follow it. For h = 0 the state
-y still follows the force, so that the derivative of the motion with respect to h exists there.
+y still follows the force, so that the derivative of the motion with respect to h exists there. Unless a run says
+otherwise it starts at ease, in the middle of a gap.
 """
 
 import casadi as ca
@@ -44,6 +45,7 @@ class Compliance(Link):
         yield from super().equations()
         yield self.q == self.h * self.y
         yield self.yd == der(self.y)
+        yield initial(self.y == 0, fixed=False)
         yield der(self.yd) == self.w_c * (self.w_c * (self.f - self.y) - 2 * self.D * self.yd)
 
 
@@ -64,6 +66,7 @@ class BaseCompliance(Link):
         yield from super().equations()
         yield self.q == self.h * self.y
         yield self.yd == der(self.y)
+        yield initial(self.y == 0, fixed=False)
         yield der(self.yd) == self.w_c * (self.w_c * (self.f - self.y) - 2 * self.D * self.yd)
 
 
@@ -87,6 +90,7 @@ class Backlash(Link):
         yield from super().equations()
         yield self.q == self.b / 2 * self.x
         yield self.xd == der(self.x)
+        yield initial(self.x == 0, fixed=False)
         depth = beyond(self.x, -1, 1)
         push = self.f / self.f_r - 9 * depth
         touch = ca.fmin(1, 9 * ca.fabs(depth))
@@ -142,6 +146,7 @@ class ChainTensionFriction(Link):
         yield self.flange_b.f == self.f + self.f_f
         yield self.q == self.h * softer(self.y, self.f_p)
         yield self.yd == der(self.y)
+        yield initial(self.y == 0, fixed=False)
         yield der(self.yd) == self.w_c * (self.w_c * (self.f - self.y) - 2 * self.D * self.yd)
         yield self.v == der(self.flange_b.s)
         yield self.f_f == dry_friction(self.v, self.e * (self.f_p + ca.fabs(self.y)))
