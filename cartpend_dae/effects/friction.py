@@ -148,6 +148,7 @@ def friction_cards() -> tuple[Card, ...]:
             excited_by="motion at the same speed under two loads",
             source="M. Duclusaud, G. Passault, V. Padois, O. Ly (2024), Extended Friction Models for the Physics "
             "Simulation of Servo Actuators, 10.48550/arXiv.2410.08650",
+            is_elsewhere=True,
         ),
         Card(
             id="dahl_friction",

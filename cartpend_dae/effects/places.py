@@ -51,7 +51,7 @@ class Place:
     rival
         The kind of the place that stands for the same motion; an effect that fits there does not go here.
     load
-        Of a bearing: the variable with the force that it carries, where the model knows it.
+        Of a bearing, or a port of its shaft: the variable with the force in it, where the model knows that.
     """
 
     at: str
@@ -103,7 +103,7 @@ def fits(card: Card, place: Place) -> bool:
         return False
     if card.insertion == "law":
         return place.at.rpartition(".")[2] == card.constant
-    if card.load and not place.load:
+    if (card.load and not place.load) or (card.is_elsewhere and place.load):
         return False
     return not card.units or any(same_dimension(place.unit, unit) for unit in card.units)
 
@@ -220,6 +220,7 @@ def _loads(model: Component, reading: _Reading) -> dict[_Motion, str]:
 def _series(model: Component, reading: _Reading) -> Iterator[Place]:
     groups: dict[tuple[object, ...], list[tuple[tuple[int, int], Place]]] = {}
     held: dict[tuple[object, ...], list[tuple[tuple[int, int], Place]]] = {}
+    loads = _loads(model, reading)
     for order, (path, component) in enumerate(walk(model)):
         for place in _ports(path, component) if path else ():
             assert place.kind is not None
@@ -231,6 +232,9 @@ def _series(model: Component, reading: _Reading) -> Iterator[Place]:
             share = round(reading.number(relation.offset) / reading.number(relation.factor), 9)
             key = (relation.base, relation.order, share)
             rank = 0 if is_gear or _is_ground(place) else 1
+            if place.kind is R:
+                motion = _motion(reading.relation(f"{place.at}.phi"), None, reading.number)
+                place = replace(place, load=loads.get(motion, ""))
             (held if _is_held(place, reading) else groups).setdefault(key, []).append(((rank, order), place))
     # a base stands apart, with what it alone holds: an effect there moves what hangs on it against ground
     bases = {key: group for key, group in held.items() if any(_is_ground(place) for _, place in group)}
