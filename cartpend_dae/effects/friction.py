@@ -126,13 +126,14 @@ def friction_cards() -> tuple[Card, ...]:
             summary="dry friction that grows with the force in a bearing",
             insertion="parallel",
             components={R: rotational_losses.RadialLoadFriction},
-            parameters=(level("tau_c"), level("r_f")),
+            parameters=(level("tau_c"), level("r_f"), level("r_2")),
             dissipative=True,
             nested_in=(),
             equivalent_to={"coulomb_friction": "motion that leaves the force in the bearing as it is"},
             regressors=("sign v", "v^2"),
             excited_by="swings of two amplitudes, the larger with high speed",
-            source="O. Reynolds, Phil. Trans. R. Soc. 177 (1886), 157-234, 10.1098/rstl.1886.0005; dry, mu r N",
+            source="mu r N of a journal, and the square of the load as in M. Duclusaud, G. Passault, V. Padois, O. Ly "
+            "(2024), Extended Friction Models for the Physics Simulation of Servo Actuators, 10.48550/arXiv.2410.08650",
             load="N",
         ),
         Card(
