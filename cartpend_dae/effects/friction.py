@@ -129,7 +129,7 @@ def friction_cards() -> tuple[Card, ...]:
             parameters=(level("tau_c"), level("r_f"), level("r_2")),
             dissipative=True,
             nested_in=(),
-            equivalent_to={"coulomb_friction": "motion that leaves the force in the bearing as it is"},
+            equivalent_to={},
             regressors=("sign v", "v^2"),
             excited_by="swings of two amplitudes, the larger with high speed",
             source="mu r N of a journal, and the square of the load as in M. Duclusaud, G. Passault, V. Padois, O. Ly "

@@ -126,11 +126,9 @@ def place_at(model: Component, card: Card, at: str) -> Place:
     ModelError
         If there is no such place; the nearest ones are offered.
     """
-    named = _named(model, card)
-    if card.load:
-        reading, named = _read(model), list(named)
-        loads = _loads(model, reading)
-        named = [replace(place, load=loads.get(_relative(reading, place), "")) for place in named]
+    named = list(_named(model, card))
+    if card.load or sum(place.at == at for place in named) > 1:
+        named = _moving(model, named)
     found = {place.at: place for place in named if fits(card, place)}
     if at not in found:
         raise ModelError(
@@ -138,6 +136,15 @@ def place_at(model: Component, card: Card, at: str) -> Place:
             f"{nearest(at, list(found))}"
         )
     return found[at]
+
+
+def _moving(model: Component, named: list[Place]) -> list[Place]:
+    """Put places at which something moves behind those at which nothing does, and name the forces in bearings."""
+    reading = _read(model)
+    loads = _loads(model, reading)
+    motions = [_relative(reading, place) for place in named]
+    found = [replace(place, load=loads.get(motion, "")) for place, motion in zip(named, motions, strict=True)]
+    return [place for _, place in sorted(zip(motions, found, strict=True), key=lambda item: bool(item[0]))]
 
 
 _WHERE: dict[Manner, str] = {
