@@ -19,9 +19,9 @@ S, J = M * LENGTH / 2, M * LENGTH**2 / 3
 FREE = {"bearing.d": 0.0}
 
 
-def swing(model, duration=3.0, phi=1.2, **options):
-    options = {"rtol": 1e-9, "atol": 1e-11} | options
-    return simulate(model, duration, points=301, start={"bearing.phi": phi}, **options)
+def swing(model, duration=3.0, phi=1.2, parameters=None):
+    start = {"bearing.phi": phi}
+    return simulate(model, duration, points=301, start=start, parameters=parameters, rtol=1e-9, atol=1e-11)
 
 
 def test_the_force_in_the_pivot_is_weight_and_centripetal_force():
