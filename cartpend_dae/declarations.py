@@ -56,6 +56,7 @@ def var(
     max: float | None = None,
     nominal: float | None = None,
     state_select: StateSelect = "default",
+    load_of: str = "",
     doc: str = "",
 ) -> Var:
     """Declare a variable.
@@ -71,6 +72,8 @@ def var(
     state_select
         Whether it shall be a state where constraints leave a choice, as in Modelica: ``"prefer"`` and ``"avoid"`` are
         wishes among variables whose derivative the model names; ``"always"`` and ``"never"`` are demands.
+    load_of
+        Name of the port, a shaft, in whose bearing this force rubs: effects that grow with the load read it.
     doc
         A few words.
 
@@ -82,7 +85,7 @@ def var(
     if state_select not in STATE_SELECT:
         choices = ", ".join(f"`{choice}`" for choice in STATE_SELECT)
         raise ValueError(f"`state_select` of a variable is one of {choices}, not {state_select!r}.")
-    return Var(Declaration(unit, doc, min, max, start, None, nominal, state_select))
+    return Var(Declaration(unit, doc, min, max, start, None, nominal, state_select, load_of=load_of))
 
 
 def discrete(*, unit: str, start: float = 0.0, doc: str = "") -> Discrete:

@@ -24,6 +24,8 @@ from cartpend_dae.unknowns import Free, Prior, Tie
 
 # what is built of a problem and depends on where its runs start
 _OF_STARTS = ("starts", "begins", "start_places", "programme")
+# shortest times while the fastest motion of the model without them is sought [s]
+SLOW = 1.0
 
 
 @dataclass(frozen=True)
@@ -309,7 +311,8 @@ def _substeps(problem: Problem) -> int:
 
     The product of step and fastest eigenvalue stays below 0.25 (error of RK4 per step below 1e-5); with
     dry friction below 0.03, because reversals are resolved to second order only. What has a shortest time in which it
-    changes shows that at high speed only: unless the problem has a stride, the step is no longer than can follow it.
+    changes is not what is fastest, as it counts as half a step where it is less: unless the problem has a stride, the
+    step is no longer than can follow it.
     """
     system = problem.system
     widths = np.concatenate([np.diff(experiment.time) for experiment in problem.experiments])
@@ -325,13 +328,14 @@ def _substeps(problem: Problem) -> int:
     arguments = [system.time, system.x, system.z, system.u, system.p, system.frictions.force]
     jacobian = ca.Function("jacobian", arguments, [slope])
     p = parameter_vector(system, {item.name: item.guess for item in problem.free})
+    shortest = min((p[i] for i in shortest_times(system) if p[i] > 0), default=np.inf)
+    p[list(shortest_times(system))] = SLOW
     start = problem.starts[0]
     x, z = np.split(start.x, [system.x.numel()])
     value = np.asarray(jacobian(start.time, x, z, start.u, p, np.zeros(system.frictions.force.numel())))
     fastest = float(np.abs(np.linalg.eigvals(value)).max(initial=0.0)) if value.size else 0.0
     count = width * fastest / (problem.stride or usual_stride(system))
     if problem.stride is None:
-        shortest = min((p[i] for i in shortest_times(system) if p[i] > 0), default=np.inf)
         count = max(count, width / (LONGEST * shortest))
     return int(np.clip(np.ceil(count - 1e-9), least, max(least, 100)))
 

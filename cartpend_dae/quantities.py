@@ -31,7 +31,8 @@ Q = TypeVar("Q")
 class Declaration:
     """What a model says of one quantity: unit, bounds, start and a few words.
 
-    `is_shortest_time`: of a parameter, no state of its component changes in less time than this.
+    `is_shortest_time`: of a parameter, no state of its component changes in less time than this. `load_of`: of a
+    variable, the port at whose bearing it is the force that is carried.
     """
 
     unit: str
@@ -43,6 +44,7 @@ class Declaration:
     nominal: float | None = None
     state_select: StateSelect = "default"
     is_shortest_time: bool = False
+    load_of: str = ""
 
     @property
     def wish(self) -> int:

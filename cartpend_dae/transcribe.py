@@ -132,10 +132,17 @@ def shown_state(system: System, name: str) -> tuple[int, ca.SX] | None:
         slope = ca.jacobian(system.outputs[system.index_of(name)], system.x) if name in names else ca.SX(1, 0)
         for state in slope.sparsity().get_triplet()[1]:
             is_fixed = not ca.depends_on(slope[0, state], ca.vertcat(system.x, system.u, system.time))
-            if is_fixed and system.unit_of(system.states[state]) == system.unit_of(name) != "1":
+            if is_fixed and _unit_of_state(system, state) == system.unit_of(name) != "1":
                 return state, slope[0, state]
         name = name.rpartition(".")[0]
     return None
+
+
+def _unit_of_state(system: System, state: int) -> str:
+    """Return the unit of a state; one that no variable is stands as ``der(x)``."""
+    name = system.states[state]
+    inner = name.removeprefix("der(").removesuffix(")")
+    return system.unit_of(name) if name in system.positions[0] else f"{system.unit_of(inner)}/s"
 
 
 @dataclass(frozen=True)

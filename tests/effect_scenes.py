@@ -18,7 +18,8 @@ from models.driven_cart import DrivenCart
 from models.linear_damp_mod import LinearDampMod
 from models.rota_damp import RotaDamp
 
-CARDS = {card.id: card for card in catalogue()}
+# one effect has two cards: its friction goes by the force in a bearing, or by what a joint passes on
+CARDS = {f"{card.id} at a bearing" if card.load else card.id: card for card in catalogue()}
 STEP, DURATION = 0.004, 2.0
 TIME = np.arange(0.0, DURATION + STEP / 2, STEP)
 
@@ -88,7 +89,7 @@ SIZES = {
     "tau_k_cos": 0.01, "f_sin": 5.0, "f_cos": 4.0, "R_s": 0.1, "V_b": 0.8, "e_sin": 0.03, "e_cos": 0.02, "a_sin": 0.1,
     "a_cos": 0.05, "y_0": 0.05,
     "a_1_sin": 0.02, "a_1_cos": 0.01, "a_2_sin": 0.01, "a_2_cos": 0.01, "T_d": 0.02, "t_0": -0.01, "u_0": 0.5,
-    "u_pos": 0.6, "u_neg": 0.4, "e": 0.1, "b": 0.01, "h": 1e-4,
+    "u_pos": 0.6, "u_neg": 0.4, "e": 0.1, "b": 0.01, "h": 1e-4, "r_f": 0.005, "r_2": 0.002,
 }  # fmt: skip
 OTHER_SIZES = {
     ("linear_stiffness", T): {"c": 200.0},

@@ -20,7 +20,7 @@ from models.linear_damp_mod import LinearDampMod
 from models.rota_damp import RotaDamp
 
 MODELS = {"pendulum": (RotaDamp, "bearing.phi"), "springs": (LinearDampMod, "encoder.s"), "servo": (EMPS, "encoder.s")}
-CARDS = {card.id: card for card in catalogue()}
+CARDS = {f"{card.id} at a bearing" if card.load else card.id: card for card in catalogue()}
 
 
 def first_fitting(model, card, measured):
@@ -94,9 +94,10 @@ def test_a_place_in_series_stands_for_all_that_pass_on_the_same():
     # a sensor passes on nothing
     assert not any("encoder" in name for place in found.values() for name in (place.at, *place.same_motion))
     springs = by_manner(LinearDampMod())["series"]
-    assert springs["spring_1.flange_a"].same_motion == ("spring_1.flange_b",)
-    assert set(springs["cart.flange_b"].same_motion) == {"spring_2.flange_a", "spring_2.flange_b"}
-    # a base stands apart, and only takes what is made for it
+    assert springs["spring_1.flange_b"].same_motion == ()
+    assert springs["cart.flange_b"].same_motion == ("spring_2.flange_a",)
+    # a base stands apart with what it alone holds, and only takes what is made for it
+    assert springs["left.flange"].same_motion == ("spring_1.flange_a",)
     assert [card.id for card in CARDS.values() if fits(card, springs["left.flange"])] == ["base_compliance"]
 
 
@@ -121,7 +122,7 @@ def test_insertion_leaves_the_model_alone_and_can_be_repeated():
     (place,) = parallel(model)
     once = insert(model, Insertion(CARDS["coulomb_friction"], place))
     twice = insert(once, Insertion(CARDS["constant_load"], place))
-    assert [path for path, _ in walk(model)] == ["", "ground", "bearing", "rod"]
+    assert [path for path, _ in walk(model)] == ["", "base", "ground", "bearing", "rod"]
     assert {path for path, _ in walk(twice)} >= {"bearing.coulomb_friction", "bearing.constant_load"}
     changes = {"bearing.coulomb_friction.tau_c": 0.02, "bearing.constant_load.tau_0": 0.01}
     run = simulate(twice, 20.0, parameters=changes, start={"bearing.phi": 0.5})
@@ -168,7 +169,7 @@ WRONG = {
         "bering",
         "`bering` is no place .* across a component .*did you mean `bearing`",
     ),
-    "no such port": ("compliance", "rod.flang", "between a port and what is joined to it; did you mean `rod.flange`"),
+    "no such port": ("compliance", "rod.shaf", "between a port and what is joined to it; did you mean `rod.shaft`"),
     "no constant": ("torque_ripple", "bearing.d", "into the constant of a component; it has nothing"),
     "no variable": ("sensor_gain", "bearing.phy", "behind a variable; did you mean `bearing.phi`"),
     "no input": ("dead_zone", "bearing.phi", "before the input of an actuator; it has nothing"),

@@ -77,6 +77,10 @@ class Card:
         Where it comes from.
     hosts
         Components at which it may stand; all, if empty.
+    load
+        Of friction at a bearing: the input of the effect that takes the force in it, which the model must know.
+    is_elsewhere
+        It does not go where the model knows the force in the bearing, where another card of its id does.
     constant, reads
         Of a law: the parameter of the host that it multiplies, and {input of the effect: variable of the host}.
     units
@@ -102,6 +106,8 @@ class Card:
     excited_by: str
     source: str
     hosts: tuple[type[Component], ...] = ()
+    load: str = ""
+    is_elsewhere: bool = False
     constant: str = ""
     reads: Mapping[str, str] = field(default_factory=dict)
     units: tuple[str, ...] = ()

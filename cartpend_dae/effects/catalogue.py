@@ -23,7 +23,7 @@ def catalogue(*files: Path | str) -> tuple[Card, ...]:
     ----------
     files
         Python files with effects of a user's own: every `Card` that stands in one by a name of its own is taken.
-        A card of the package's own id takes the place of that one.
+        A card of the package's own id takes the place of all those.
 
     Raises
     ------
@@ -41,10 +41,12 @@ def catalogue(*files: Path | str) -> tuple[Card, ...]:
         kinematic_cards(),
         sensor_cards(),
         input_cards(),
-        *(cards_of(Path(file)) for file in files),
     )
-    by_id = {card.id: card for group in groups for card in group}
-    return tuple(sorted(by_id.values(), key=lambda card: (len(card.parameters), card.id)))
+    found = [card for group in groups for card in group]
+    for file in files:
+        own = cards_of(Path(file))
+        found = [card for card in found if all(card.id != other.id for other in own)] + list(own)
+    return tuple(sorted(found, key=lambda card: (len(card.parameters), card.id)))
 
 
 def cards_of(file: Path) -> tuple[Card, ...]:
@@ -65,15 +67,20 @@ def cards_of(file: Path) -> tuple[Card, ...]:
     return found
 
 
-def card_of(effect: str) -> Card:
-    """Return the card of the package with an id.
+def variants_of(effect: str) -> tuple[Card, ...]:
+    """Return the cards of the package with an id: one effect may be inserted in two manners.
 
     Raises
     ------
     ModelError
         If there is none; the nearest are offered.
     """
-    cards = {card.id: card for card in catalogue()}
-    if effect not in cards:
-        raise ModelError(f"There is no effect `{effect}`{nearest(effect, list(cards))}")
-    return cards[effect]
+    cards = catalogue()
+    if not (found := tuple(card for card in cards if card.id == effect)):
+        raise ModelError(f"There is no effect `{effect}`{nearest(effect, [card.id for card in cards])}")
+    return found
+
+
+def card_of(effect: str) -> Card:
+    """Return the card of the package with an id, of several the last; errors are those of `variants_of`."""
+    return variants_of(effect)[-1]

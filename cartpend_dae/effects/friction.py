@@ -123,6 +123,21 @@ def friction_cards() -> tuple[Card, ...]:
         ),
         Card(
             id="load_dependent_friction",
+            summary="dry friction that grows with the force in a bearing",
+            insertion="parallel",
+            components={R: rotational_losses.RadialLoadFriction},
+            parameters=(level("tau_c"), level("r_f"), level("r_2")),
+            dissipative=True,
+            nested_in=(),
+            equivalent_to={},
+            regressors=("sign v", "v^2"),
+            excited_by="swings of two amplitudes, the larger with high speed",
+            source="mu r N of a journal, and the square of the load as in M. Duclusaud, G. Passault, V. Padois, O. Ly "
+            "(2024), Extended Friction Models for the Physics Simulation of Servo Actuators, 10.48550/arXiv.2410.08650",
+            load="N",
+        ),
+        Card(
+            id="load_dependent_friction",
             summary="dry friction that grows with the load that a joint passes on",
             insertion="series",
             components={R: rotational_links.LoadDependentFriction, T: translational_links.LoadDependentFriction},
@@ -134,6 +149,7 @@ def friction_cards() -> tuple[Card, ...]:
             excited_by="motion at the same speed under two loads",
             source="M. Duclusaud, G. Passault, V. Padois, O. Ly (2024), Extended Friction Models for the Physics "
             "Simulation of Servo Actuators, 10.48550/arXiv.2410.08650",
+            is_elsewhere=True,
         ),
         Card(
             id="dahl_friction",

@@ -25,7 +25,11 @@ def inertial_cards() -> tuple[Card, ...]:
             summary="a rod that bends in its first mode",
             insertion="parallel",
             components={R: rotational_loads.FlexibleRod},
-            parameters=(level("J_1"), shape("w_1", (20.0, 60.0)), shape("D", (0.02,), lower=0.0, upper=1.0)),
+            parameters=(
+                level("J_1"),
+                shape("w_1", (10.0, 15.0, 22.0, 35.0, 60.0)),
+                shape("D", (0.02,), lower=0.0, upper=1.0),
+            ),
             dissipative=False,
             nested_in=(),
             equivalent_to={},

@@ -14,10 +14,11 @@ from typing import Any
 import casadi as ca
 
 from cartpend_dae.effects.card import Card, E, EffectParameter
-from cartpend_dae.effects.catalogue import card_of
-from cartpend_dae.effects.places import Place, place_at, taken_from
+from cartpend_dae.effects.catalogue import variants_of
+from cartpend_dae.effects.places import Place, fits, place_at, taken_from
 from cartpend_dae.effects.rebuild import rebuild
 from cartpend_dae.effects.walk import component_at
+from cartpend_dae.errors import ModelError
 from cartpend_dae.language import Component, Port, connect
 from cartpend_dae.library import rotational, translational
 from cartpend_dae.quantities import state_of
@@ -158,8 +159,16 @@ def insertion_at(
     model: Component, effect: Card | str, at: Place | str | None, values: Mapping[str, float] | None = None
 ) -> Insertion:
     """Return an effect at a place of a model; arguments and errors are those of `insert`."""
-    card = card_of(effect) if isinstance(effect, str) else effect
-    return Insertion(card, at if isinstance(at, Place) else place_at(model, card, at or ""), values or {})
+    variants = variants_of(effect) if isinstance(effect, str) else (effect,)
+    if isinstance(at, Place):
+        card = next((card for card in variants if fits(card, at)), variants[-1])
+        return Insertion(card, at, values or {})
+    for card in variants[:-1]:
+        try:
+            return Insertion(card, place_at(model, card, at or ""), values or {})
+        except ModelError:  # it does not go there; the next one may
+            continue
+    return Insertion(variants[-1], place_at(model, variants[-1], at or ""), values or {})
 
 
 def _given(insertion: Insertion) -> dict[str, Any]:
@@ -177,6 +186,9 @@ def _beside(model: Component, card: Card, place: Place, effect: Component) -> No
         joined = [connect(ground.flange, flange_a)]  # type: ignore[attr-defined]
     else:
         joined = [connect(getattr(owner, place.port_a), flange_a)]
+    if card.load:
+        path, _, load = place.load.rpartition(".")
+        joined.append(connect(getattr(component_at(model, path), load), getattr(effect, card.load)))
     owner.attach(card.id, effect, *joined, connect(getattr(owner, place.port_b), flange_b))
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as ca
 
@@ -22,6 +23,8 @@ from cartpend_dae.units import same_dimension
 COORDINATE: dict[type[Port], str] = {R: "phi", T: "s"}
 # what passes through a port; an effect in series carries it
 THROUGH: dict[type[Port], str] = {R: "tau", T: "f", E: "i"}
+# a direction in the space of what moves: (chain and order, factor) of each
+_Motion = tuple[tuple[tuple[int, int], float], ...]
 _DAMPING_UNITS = ("N.s/m", "N.m.s/rad")
 
 
@@ -49,6 +52,8 @@ class Place:
         Another place moves alike and stands for it, but for effects that take something from the component here.
     rival
         The kind of the place that stands for the same motion; an effect that fits there does not go here.
+    load
+        Of a bearing, or a port of its shaft: the variable with the force in it, where the model knows that.
     """
 
     at: str
@@ -61,6 +66,7 @@ class Place:
     unit: str = "1"
     rival: Kind = None
     is_behind: bool = False
+    load: str = ""
 
 
 def places(
@@ -84,8 +90,7 @@ def places(
         The effects; those of the catalogue if None.
     """
     known = catalogue() if cards is None else cards
-    aliased = alias(flatten(model))
-    reading = _Reading(aliased, {v.name: i for i, v in enumerate(aliased.flat.variables)}, _evaluation(aliased))
+    reading = _read(model)
     sensors = (_sensor(model, name) for name in measured)
     found = (*_parallel(model, reading), *_series(model, reading), *_constants(model), *_inputs(model), *sensors)
     return tuple(place for place in found if any(fits(card, place) for card in known))
@@ -103,6 +108,8 @@ def fits(card: Card, place: Place) -> bool:
         return False
     if card.insertion == "law":
         return place.at.rpartition(".")[2] == card.constant
+    if (card.load and not place.load) or (card.is_elsewhere and place.load):
+        return False
     return not card.units or any(same_dimension(place.unit, unit) for unit in card.units)
 
 
@@ -130,13 +137,25 @@ def place_at(model: Component, card: Card, at: str) -> Place:
     ModelError
         If there is no such place; the nearest ones are offered.
     """
-    found = {place.at: place for place in _named(model, card) if fits(card, place)}
+    named = list(_named(model, card))
+    if card.load or sum(place.at == at for place in named) > 1:
+        named = _moving(model, named)
+    found = {place.at: place for place in named if fits(card, place)}
     if at not in found:
         raise ModelError(
             f"`{at}` is no place for `{card.id}` in {type(model).__name__}, which goes {_WHERE[card.insertion]}"
             f"{nearest(at, list(found))}"
         )
     return found[at]
+
+
+def _moving(model: Component, named: list[Place]) -> list[Place]:
+    """Put places at which something moves behind those at which nothing does, and name the forces in bearings."""
+    reading = _read(model)
+    loads = _loads(model, reading)
+    motions = [_relative(reading, place) for place in named]
+    found = [replace(place, load=loads.get(motion, "")) for place, motion in zip(named, motions, strict=True)]
+    return [place for _, place in sorted(zip(motions, found, strict=True), key=lambda item: bool(item[0]))]
 
 
 _WHERE: dict[Manner, str] = {
@@ -177,16 +196,22 @@ class _Reading:
         return self.aliased.relations[self.position_of[name]]
 
 
+def _read(model: Component) -> _Reading:
+    aliased = alias(flatten(model))
+    return _Reading(aliased, {v.name: i for i, v in enumerate(aliased.flat.variables)}, _evaluation(aliased))
+
+
 def _parallel(model: Component, reading: _Reading) -> Iterator[Place]:
-    groups: dict[tuple[object, ...], list[tuple[tuple[int, int], Place]]] = {}
+    groups: dict[_Motion, list[tuple[tuple[int, int], Place]]] = {}
+    loads = _loads(model, reading)
     for order, (path, component) in enumerate(walk(model)):
         for kind, port_a, port_b in _pairs(component) if path else ():
-            ends = [None if p is None else reading.relation(f"{path}.{p}.{COORDINATE[kind]}") for p in (port_a, port_b)]
-            motion = _motion(ends[1], ends[0], reading.number)
+            place = Place(path, kind, port_a, port_b, (), "parallel", type(component))
+            motion = _relative(reading, place)
             if motion:
                 rank = (2 if port_a is None else 0 if _is_damped(component) else 1, order)
-                place = Place(path, kind, port_a, port_b, (), "parallel", type(component))
-                groups.setdefault(motion, []).append((rank, place))
+                load = loads.get(motion, "") if kind is R else ""
+                groups.setdefault(motion, []).append((rank, replace(place, load=load)))
     first = list(_merged(groups))
     yield from first
     # what is at rest elsewhere has a place of its own, for laws that begin at rest
@@ -196,8 +221,30 @@ def _parallel(model: Component, reading: _Reading) -> Iterator[Place]:
                 yield replace(place, is_behind=True)
 
 
+def _relative(reading: _Reading, place: Place) -> _Motion:
+    """Return the relative motion of what a place stands between; empty if there is none."""
+    assert place.kind is not None
+    ports = (f"{place.at}.{port}.{COORDINATE[place.kind]}" if port else "" for port in (place.port_a, place.port_b))
+    a, b = (reading.relation(name) if name else None for name in ports)
+    return _motion(b, a, reading.number)
+
+
+def _loads(model: Component, reading: _Reading) -> dict[_Motion, str]:
+    """Return the forces in bearings that the model knows, by the motion of the shaft."""
+    found: dict[_Motion, str] = {}
+    for path, component in walk(model):
+        for name, declared in variables_of(type(component)).items():
+            shaft = declared.declaration.load_of
+            if path and shaft:
+                motion = _motion(reading.relation(f"{path}.{shaft}.phi"), None, reading.number)
+                found.setdefault(motion, f"{path}.{name}")
+    return found
+
+
 def _series(model: Component, reading: _Reading) -> Iterator[Place]:
     groups: dict[tuple[object, ...], list[tuple[tuple[int, int], Place]]] = {}
+    held: dict[tuple[object, ...], list[tuple[tuple[int, int], Place]]] = {}
+    loads = _loads(model, reading)
     for order, (path, component) in enumerate(walk(model)):
         for place in _ports(path, component) if path else ():
             assert place.kind is not None
@@ -207,17 +254,30 @@ def _series(model: Component, reading: _Reading) -> Iterator[Place]:
             is_gear = len({type(port) for port in used_ports_of(component).values()} & set(COORDINATE)) == 2
             # a force that is a function of position differs from another one of it by more than a factor
             share = round(reading.number(relation.offset) / reading.number(relation.factor), 9)
-            # a base stands apart: an effect there moves what hangs on it against ground
-            key = (relation.base, relation.order, share, place.at if _is_ground(place) else "")
-            groups.setdefault(key, []).append(((0 if is_gear else 1, order), place))
+            key = (relation.base, relation.order, share)
+            rank = 0 if is_gear or _is_ground(place) else 1
+            if place.kind is R:
+                motion = _motion(reading.relation(f"{place.at}.phi"), None, reading.number)
+                place = replace(place, load=loads.get(motion, ""))
+            (held if _is_held(place, reading) else groups).setdefault(key, []).append(((rank, order), place))
+    # a base stands apart, with what it alone holds: an effect there moves what hangs on it against ground
+    bases = {key: group for key, group in held.items() if any(_is_ground(place) for _, place in group)}
+    for key, group in held.items():
+        if key not in bases:
+            groups.setdefault(key, []).extend(group)
     yield from _merged(groups)
+    yield from _merged(bases)
+
+
+def _is_held(place: Place, reading: _Reading) -> bool:
+    return place.kind in COORDINATE and reading.relation(f"{place.at}.{COORDINATE[place.kind]}").base < 0
 
 
 def _is_ground(place: Place) -> bool:
     return place.insertion == "series" and place.host in (rotational.Fixed, translational.Fixed)
 
 
-def _merged(groups: dict[tuple[object, ...], list[tuple[tuple[int, int], Place]]]) -> Iterator[Place]:
+def _merged(groups: Mapping[Any, list[tuple[tuple[int, int], Place]]]) -> Iterator[Place]:
     """Yield the best place of each group, and the best of each other kind behind it; the others are named."""
     for group in groups.values():
         ordered = [place for _, place in sorted(group, key=lambda item: item[0])]
@@ -292,7 +352,7 @@ def _evaluation(aliased: AliasedSystem) -> Callable[[Coefficient], float]:
     return lambda coefficient: float(ca.substitute(symbolic(coefficient), symbols, values))
 
 
-def _motion(b: Relation | None, a: Relation | None, number: Callable[[Coefficient], float]) -> tuple[object, ...]:
+def _motion(b: Relation | None, a: Relation | None, number: Callable[[Coefficient], float]) -> _Motion:
     """Return the relative position b - a as a direction in the space of chains; empty if it is constant."""
     terms: dict[tuple[int, int], float] = {}
     for relation, sign in ((b, 1.0), (a, -1.0)):

@@ -86,6 +86,11 @@ def softer(force: ca.SX, scale: ca.SX) -> ca.SX:
     return scale * ca.atan(force / scale)
 
 
+def length_of(x: ca.SX, y: ca.SX) -> ca.SX:
+    """Return sqrt(x^2 + y^2), the length of a vector; at 0 it has the slope 0."""
+    return ca.sqrt(ca.fmax(x**2 + y**2, 1e-300))
+
+
 def beyond(x: ca.SX, low: ca.SX | float, high: ca.SX | float) -> ca.SX:
     """Return by how much x is above high, or (negative) below low; 0 in between."""
     return x - ca.fmin(ca.fmax(x, low), high)

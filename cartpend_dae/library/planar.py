@@ -21,6 +21,7 @@ import casadi as ca
 
 from cartpend_dae.language import Component, Param, Port, Statements, der, flow, param, port, var
 from cartpend_dae.library import rotational, translational
+from cartpend_dae.library.laws import length_of
 from cartpend_dae.quantities import Expression
 
 
@@ -268,7 +269,8 @@ class HangingRod(Component):
 
     pivot.f = m der(v) + S (cos phi der(w) - sin phi w^2), and
     shaft.tau = J der(w) + S cos phi der(v) + S g sin phi.
-    The line of the pivot is level, and phi is measured against the vertical.
+    The line of the pivot is level, and phi is measured against the vertical. The bearing carries N, whose upward
+    part is m g + S (sin phi der(w) + cos phi w^2).
     """
 
     pivot = port(translational.Flange, doc="point of the rod that slides")
@@ -277,6 +279,7 @@ class HangingRod(Component):
     v = var(unit="m/s", doc="speed of the pivot")
     phi = var(unit="rad", doc="angle, 0 = hanging")
     w = var(unit="rad/s", doc="angular speed")
+    N = var(unit="N", load_of="shaft", doc="force in the bearing of the pivot")
     m: Param = param(unit="kg", min=0, doc="mass")
     l: Param = param(unit="m", min=0, doc="length")  # noqa: E741 (the symbol of mechanics)
     g: Param = param(unit="m/s2", default=9.81, doc="acceleration of gravity")
@@ -290,3 +293,5 @@ class HangingRod(Component):
         yield self.w == der(self.phi)
         yield self.pivot.f == self.m * der(self.v) + S * (cos * der(self.w) - sin * self.w**2)
         yield self.shaft.tau == J * der(self.w) + S * cos * der(self.v) + S * self.g * sin
+        upward = self.m * self.g + S * (sin * der(self.w) + cos * self.w**2)
+        yield length_of(self.pivot.f, upward) == self.N

@@ -5,7 +5,7 @@ Every size is 0 unless it is set, and then the component is not felt.
 
 import casadi as ca
 
-from cartpend_dae.language import Param, Statements, der, param, var
+from cartpend_dae.language import Param, Statements, der, initial, param, var
 from cartpend_dae.library.laws import SHORTEST, bouc_wen_rate, contact, wave
 from cartpend_dae.library.rotational import Compliant, CompliantWithSpeed
 
@@ -113,17 +113,25 @@ class Imbalance(Compliant):
 
 
 class BearingTorsion(CompliantWithSpeed):
-    """Torsion of a cable or of grease, tau = c phi_rel + c_1 x, der(x) = w_rel - x/T_1: part of it is forgotten."""
+    """Torsion of a cable or of grease, tau = c phi_rel + c_1 (x + e_0 y), der(x) = w_rel - x/T_1: part is forgotten.
 
-    x = var(unit="rad", doc="angle that is not forgotten yet")
+    y is the angle of the start, which is forgotten in the same way, der(y) = -y/T_1: e_0 is 0 after a long rest there,
+    and 1 if it has just been brought there.
+    """
+
+    x = var(unit="rad", doc="angle since the start that is not forgotten yet")
+    y = var(unit="rad", doc="angle of the start that is not forgotten yet")
     c: Param = param(unit="N.m/rad", default=0.0, min=0, doc="stiffness that stays")
     c_1: Param = param(unit="N.m/rad", default=0.0, min=0, doc="stiffness that relaxes")
     T_1: Param = param(unit="s", default=0.5, min=0, doc="time in which it relaxes")
+    e_0: Param = param(unit="1", default=0.0, min=0, max=1, doc="share of the angle not forgotten at the start")
 
     def equations(self) -> Statements:
         yield from super().equations()
         yield der(self.x) == self.w_rel - self.x / self.T_1
-        yield self.tau == self.c * self.phi_rel + self.c_1 * self.x
+        yield der(self.y) == -self.y / self.T_1
+        yield initial(self.y == self.phi_rel)
+        yield self.tau == self.c * self.phi_rel + self.c_1 * (self.x + self.e_0 * self.y)
 
 
 class FlexibleRod(CompliantWithSpeed):

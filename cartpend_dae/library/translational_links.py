@@ -7,13 +7,14 @@ cannot do that, as rigid means an infinite stiffness. So a link carries the comp
 follows the force with a lag of second order, der(der(y)) = w_c^2 (f - y) - 2 D w_c der(y), q = h y: that is a spring
 c = 1/h, a damper 2 D c/w_c and an inertance c/w_c^2 side by side. Below the cut-off w_c it is the spring and the
 damper; above, it is rigid, and no vibration is faster than w_c, so that fixed steps can follow it. For h = 0 the state
-y still follows the force, so that the derivative of the motion with respect to h exists there.
+y still follows the force, so that the derivative of the motion with respect to h exists there. Unless a run says
+otherwise it starts at ease, in the middle of a gap.
 """
 
 import casadi as ca
 
 from cartpend_dae.language import Component, Param, Statements, der, dry_friction, initial, param, port, var
-from cartpend_dae.library.laws import beyond, softer
+from cartpend_dae.library.laws import SHORTEST, beyond, softer
 from cartpend_dae.library.translational import Flange
 
 
@@ -44,6 +45,7 @@ class Compliance(Link):
         yield from super().equations()
         yield self.q == self.h * self.y
         yield self.yd == der(self.y)
+        yield initial(self.y == 0, fixed=False)
         yield der(self.yd) == self.w_c * (self.w_c * (self.f - self.y) - 2 * self.D * self.yd)
 
 
@@ -64,6 +66,7 @@ class BaseCompliance(Link):
         yield from super().equations()
         yield self.q == self.h * self.y
         yield self.yd == der(self.y)
+        yield initial(self.y == 0, fixed=False)
         yield der(self.yd) == self.w_c * (self.w_c * (self.f - self.y) - 2 * self.D * self.yd)
 
 
@@ -73,6 +76,7 @@ class Backlash(Link):
     x is the place in the gap of the total width b, and -1 and 1 are its flanks. In the gap the force is only that of
     an inertance 2 f_r/(b w_c^2), so f_r is to be small against what is passed on; the flanks are springs of
     18 f_r/b with dampers. For b = 0 the two ends move as one, while x still shows on which flank they are.
+    Steps that cannot follow the flanks see softer ones, with w_c no larger than 1/(3 T_0).
     """
 
     x = var(unit="1", doc="place in the gap, -1 and 1 at its flanks")
@@ -80,15 +84,18 @@ class Backlash(Link):
     b: Param = param(unit="m", default=0.0, min=0, doc="total width of the gap")
     f_r: Param = param(unit="N", default=5.0, min=0, doc="force that carries it through the gap within 1/w_c")
     w_c: Param = param(unit="rad/s", default=100.0, min=0, doc="rate at which the gap is crossed")
+    T_0: Param = param(unit="s", default=SHORTEST, min=0, doc="shortest time of change", is_shortest_time=True)
 
     def equations(self) -> Statements:
         yield from super().equations()
         yield self.q == self.b / 2 * self.x
         yield self.xd == der(self.x)
+        yield initial(self.x == 0, fixed=False)
         depth = beyond(self.x, -1, 1)
         push = self.f / self.f_r - 9 * depth
         touch = ca.fmin(1, 9 * ca.fabs(depth))
-        yield der(self.xd) == self.w_c * (self.w_c * push - 4 * touch * self.xd)
+        w_c = self.w_c / ca.fmax(1, 3 * self.w_c * self.T_0)
+        yield der(self.xd) == w_c * (w_c * push - 4 * touch * self.xd)
 
 
 class LoadDependentFriction(Component):
@@ -139,6 +146,7 @@ class ChainTensionFriction(Link):
         yield self.flange_b.f == self.f + self.f_f
         yield self.q == self.h * softer(self.y, self.f_p)
         yield self.yd == der(self.y)
+        yield initial(self.y == 0, fixed=False)
         yield der(self.yd) == self.w_c * (self.w_c * (self.f - self.y) - 2 * self.D * self.yd)
         yield self.v == der(self.flange_b.s)
         yield self.f_f == dry_friction(self.v, self.e * (self.f_p + ca.fabs(self.y)))
