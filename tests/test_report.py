@@ -199,7 +199,7 @@ def test_model_plus_prints_itself_when_run():
     printed = subprocess.run(
         [sys.executable, str(demo_run().results / "model_plus.py")], capture_output=True, text=True, check=True
     )
-    assert printed.stdout.startswith("RotaDampPlus: 5 components")
+    assert printed.stdout.startswith("RotaDampPlus: 6 components")
 
 
 RIG = '''#!/usr/bin/env python

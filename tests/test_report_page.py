@@ -99,8 +99,9 @@ def test_the_result_says_what_it_was_made_from():
         (demo_run().folder / file["name"]).stat().st_size for file in result["ledger"]["files"]
     }
     assert result["diagram"]["connections"] == [
+        ["base.flange", "rod.pivot"],
         ["ground.flange", "bearing.flange_a"],
-        ["bearing.flange_b", "rod.flange"],
+        ["bearing.flange_b", "rod.shaft"],
     ]
 
 

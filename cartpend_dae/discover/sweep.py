@@ -270,17 +270,8 @@ def _rests(problem: Problem, data: np.ndarray) -> np.ndarray:
 
 
 def _stuck_where(rests: np.ndarray, local: _Local, free: _Local) -> _Local:
-    parts = (
-        np.where(rests[:, None, None], one, other)
-        for one, other in (
-            (local.transition, free.transition),
-            (local.theta, free.theta),
-            (local.measured, free.measured),
-            (local.error, free.error),
-            (local.error_theta, free.error_theta),
-        )
-    )
-    return _Local(*parts)
+    names = ("transition", "theta", "measured", "error", "error_theta")
+    return _Local(*(np.where(rests[:, None, None], getattr(local, x), getattr(free, x)) for x in names))
 
 
 def _reduced(system: System, own: list[int], inside: list[int]) -> System:
