@@ -75,16 +75,7 @@ def search(
             base = _grow(bench, start, rules, library, max_steps, log)
         elif regime == "forces" or (regime is None and residuals(base.fit).is_passed):
             # no sum of effects leaves noise alone, so that something else moves the rig as well
-            without, found = (start, base), log.steps
-            rules, start = _forced(bench, noise, start)
-            ranked = try_all(bench, start, rules, candidates(*library, ()))
-            stands = bool(found) and is_nearly_all(base) and _is_among_best(found[0], ranked)
-            if not stands:
-                log.steps, log.base = [], None
-                base = _grow(bench, start, rules, library, max_steps, log, ranked)
-            if stands or (found and not log.steps):
-                # both agree on it; or it is wrong at a sensor, which the injection that suits the forces hides
-                rules, (start, base), log.steps = replace(noise, regime="disturbances"), without, found
+            rules, start, base = _against_forces(bench, noise, (start, base), library, max_steps, log)
     except KeyboardInterrupt:
         log.is_interrupted, base = True, log.base or start
     last_gate = residuals(base.fit)
@@ -113,6 +104,39 @@ class _Log:
     tried: dict[str, Candidate] = field(default_factory=dict)
     base: Base | None = None
     is_interrupted: bool = False
+
+
+def _against_forces(
+    bench: Workbench, noise: Rules, without: tuple[Base, Base], library: _Library, max_steps: int, log: _Log
+) -> tuple[Rules, Base, Base]:
+    """Search against random forces; return the rules, and the models before and after.
+
+    What noise alone had found stands if both agree on it; if forces find nothing, as the injection that suits them
+    hides what is wrong at a sensor; and if the model cannot be weighed so, or the search is interrupted before.
+    """
+    found, stood = log.steps, log.base
+    old = (replace(noise, regime="disturbances"), *without)
+    rules, start = noise, without[0]
+    try:
+        rules, start = _forced(bench, noise, without[0])
+        ranked = try_all(bench, start, rules, candidates(*library, ()))
+        if found and is_nearly_all(without[1]) and _is_among_best(found[0], ranked):
+            return old
+        log.steps, log.base = [], None
+        base = _grow(bench, start, rules, library, max_steps, log, ranked)
+    except SolverError:  # it diverges in the steps with which it is weighed
+        log.steps, log.base = found, stood
+        return old
+    except KeyboardInterrupt:
+        log.is_interrupted = True
+        if log.base is not None and log.base is not stood:
+            return rules, start, log.base
+        log.steps, log.base = found, stood
+        return old
+    if found and not log.steps:
+        log.steps, log.base = found, stood
+        return old
+    return rules, start, base
 
 
 def _compared(bench: Workbench, bare: Base, start: Base, base: Base, rules: Rules) -> tuple[Base, Base]:
