@@ -45,8 +45,12 @@ def best_bandwidth(bench: Workbench, rich: list[Candidate], point: Mapping[str, 
 
 
 def _rungs(bench: Workbench) -> tuple[float, ...]:
-    rate = 1.0 / min(float(np.median(np.diff(experiment.time))) for experiment in bench.setup.train)
-    return tuple(share * rate for share in LADDER)
+    return tuple(share * sampling_rate(bench) for share in LADDER)
+
+
+def sampling_rate(bench: Workbench) -> float:
+    """Return the rate of the training run that is sampled fastest [1/s]."""
+    return 1.0 / min(float(np.median(np.diff(experiment.time))) for experiment in bench.setup.train)
 
 
 def _descend(

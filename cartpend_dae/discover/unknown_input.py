@@ -74,6 +74,7 @@ class White:
     gain: np.ndarray
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def whitened(chain: Chain, rows: np.ndarray, sizes: np.ndarray, times: np.ndarray) -> White:
     """Filter rows under several sets of forces at once.
 
@@ -141,8 +142,11 @@ def likelihood(n: int, squares: np.ndarray | float, determinant: np.ndarray | fl
     return n * (np.log(scale) + mean / scale - 1) + np.asarray(determinant)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def left_over(rows: np.ndarray) -> float:
-    """Return the sum of squares of the first column (n, m) that the others leave."""
+    """Return the sum of squares of the first column (n, m) that the others leave; infinite where rows are lost."""
+    if not np.all(np.isfinite(rows)):
+        return np.inf
     scale = np.linalg.norm(rows[:, 1:], axis=0)
     others = rows[:, 1:][:, scale > 0] / scale[scale > 0]
     found = np.linalg.lstsq(others, rows[:, 0], rcond=1e-10)[0]

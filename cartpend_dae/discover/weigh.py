@@ -9,6 +9,7 @@ from cartpend_dae.discover.sweep import Sweep, sweep
 from cartpend_dae.discover.unknown_input import Chain, left_over, likelihood, whitened
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Insertion, Place, catalogue, fits
+from cartpend_dae.errors import SolverError
 from cartpend_dae.gauss_newton import bounds
 from cartpend_dae.problem import Problem
 from cartpend_dae.shooting import scaled_values
@@ -119,6 +120,8 @@ def weigh(
     rounds = 0 if is_rough else 2
     forces, criterion = _most_likely(chain, rows, _first_sets(found, chain, near), rounds)
     white = whitened(chain, rows, forces.sizes[None], forces.times[None])
+    if not (np.isfinite(criterion) and np.all(np.isfinite(white.rows))):
+        raise SolverError(f"{bench.problem(taken).system.name} cannot be weighed against random forces: it diverges.")
     free = bench.problem(taken).layout.free
     validated, spread = _jackknife(white.rows[0], white.determinant[0], chain, len(free))
     values = scaled_values(bench.problem(taken), point)
