@@ -151,6 +151,13 @@ def _predictions(pairs: list[tuple[Candidate, list[np.ndarray]]], base: Weighed)
     return found
 
 
+def basis_of(columns: np.ndarray, least: float = 1e-10) -> np.ndarray:
+    """Return an orthonormal basis of what the parameters fitted already can move; directions below `least` are none."""
+    size = np.linalg.norm(columns, axis=0)
+    vectors, values, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
+    return vectors[:, values > least * values.max(initial=0.0)]
+
+
 def _new(rows: np.ndarray, n_known: int) -> np.ndarray:
     """Return the products of the residual and of columns of length one, without what is fitted already.
 
@@ -160,12 +167,11 @@ def _new(rows: np.ndarray, n_known: int) -> np.ndarray:
         Residual, `n_known` - 1 columns of what is fitted already, and others, shape (n, m).
     """
     fitted_already, others = rows[:, 1:n_known], rows[:, n_known:]
-    size = np.linalg.norm(fitted_already, axis=0)
-    vectors, values, _ = np.linalg.svd(fitted_already[:, size > 0] / size[size > 0], full_matrices=False)
-    basis = vectors[:, values > BLIND * values.max(initial=0.0)]
-    columns = np.column_stack([rows[:, 0], others / np.maximum(np.linalg.norm(others, axis=0), TINY)])
+    basis = basis_of(fitted_already, BLIND)
+    lengths = np.maximum(np.linalg.norm(others, axis=0), TINY)
+    columns = np.column_stack([rows[:, 0], others / lengths])
     left = columns - basis @ (basis.T @ columns)
-    return np.vstack([left.T @ left, np.r_[1.0, np.maximum(np.linalg.norm(others, axis=0), TINY)]])
+    return np.vstack([left.T @ left, np.r_[1.0, lengths]])
 
 
 def _predicted(

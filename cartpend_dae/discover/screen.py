@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from cartpend_dae.discover.disturbed import predictions
+from cartpend_dae.discover.disturbed import basis_of, predictions
 from cartpend_dae.discover.records import Candidate, Prediction
 from cartpend_dae.discover.sweep import Sweep, one_by_one, sweep
 from cartpend_dae.discover.weigh import Weighed
@@ -164,19 +164,12 @@ def _alone(at: _At, option: Insertion) -> _Judged:
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def _predictions(batch: tuple[Insertion, ...], found: Sweep) -> list[_Judged]:
-    basis = _basis(found.base)
+    basis = basis_of(found.base)
     left = found.residual - basis @ (basis.T @ found.residual)
     return [
         (_predict(insertion, found, basis, left), {name: found.sizes[name] for name in insertion.size_names})
         for insertion in batch
     ]
-
-
-def _basis(columns: np.ndarray) -> np.ndarray:
-    """Return an orthonormal basis of what the parameters fitted already can move."""
-    size = np.linalg.norm(columns, axis=0)
-    vectors, values, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
-    return vectors[:, values > 1e-10 * values.max(initial=0.0)]
 
 
 def _predict(insertion: Insertion, found: Sweep, basis: np.ndarray, left: np.ndarray) -> Candidate:
