@@ -12,7 +12,7 @@ from models.linear_damp_mod import LinearDampMod
 
 @pytest.mark.parametrize("again", [False, True])
 def test_with_its_spring_it_is_a_spring_that_pulls_from_some_stretch_on(again):
-    model = insert(LinearDampMod(), "one_sided_spring", "spring_1", e=1.0, s_0=0.02)
+    model = insert(LinearDampMod(a=0.06), "one_sided_spring", "spring_1", e=1.0, s_0=0.02)
     model.spring_1.c, model.rail.d = 900.0, 1.0  # the effect follows the spring that it stands beside
     model = rebuild(model) if again else model
     found = simulate(model, 2.0)
