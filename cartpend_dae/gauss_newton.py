@@ -193,7 +193,7 @@ def _evaluated(work: _Work, values: np.ndarray, nodes: np.ndarray) -> _Point:
     values = np.clip(values, work.lower, work.upper)
     carried = carried_on(problem, values, work.w)
     packed = np.vstack([carried, nodes, np.zeros((1, layout.n_segments))])
-    result = np.asarray(problem.functions.value.map(layout.n_segments)(packed, work.data))[len(carried) :]
+    result = problem.functions.evaluated("value", packed, work.data)[0][len(carried) :]
     cost = float(result[-1].sum()) + float(np.sum(prior_errors(problem, values)[0] ** 2)) / 2
     return _Point(values, nodes, cost, _targets(problem, values, result[:-1]) - nodes)
 
@@ -257,7 +257,7 @@ def _linearised(work: _Work, point: _Point) -> tuple[np.ndarray, np.ndarray, np.
     seeds = np.eye(n_x, size).ravel(order="F")
     start = np.concatenate([seeds, np.zeros(size * size + size)])
     packed = np.vstack([carried, point.nodes, np.tile(start[:, None], m)])
-    out = np.asarray(problem.functions.slope.map(m)(packed, work.data))[len(carried) + n_x :]
+    out = problem.functions.evaluated("slope", packed, work.data)[0][len(carried) + n_x :]
     ends = np.cumsum([n_x * size, size * size])
     sensitivity, gram, gradient = np.split(out.T, ends, axis=1)
     return (

@@ -14,12 +14,13 @@ from cartpend_dae.dae import parameter_vector
 from cartpend_dae.data import Experiment, noise_sd
 from cartpend_dae.errors import ModelError
 from cartpend_dae.language import Component
+from cartpend_dae.passes import Passes
 from cartpend_dae.programme import programme
 from cartpend_dae.singular import check_regular
 from cartpend_dae.starts import begin_function, run_start
 from cartpend_dae.stepping import LONGEST, shortest_times
 from cartpend_dae.system import System
-from cartpend_dae.transcribe import SEGMENT, Layout, Passes, RunStart, Slot
+from cartpend_dae.transcribe import SEGMENT, Layout, RunStart, Slot
 from cartpend_dae.unknowns import Free, Prior, Tie
 
 # what is built of a problem and depends on where its runs start

@@ -10,7 +10,8 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
-from cartpend_dae.transcribe import Layout, Passes
+from cartpend_dae.passes import Passes
+from cartpend_dae.transcribe import Layout
 from cartpend_dae.unknowns import Free
 
 Hessian = Literal["gauss-newton", "exact"]

@@ -71,10 +71,10 @@ def run_through(
     for k in range(layout.n_segments if segments is None else segments):
         x = begin.get(k, x)
         block = data[:, k * layout.length : (k + 1) * layout.length]
-        after, error, state = problem.functions.series(np.concatenate([carried[:, k], x]), block)
-        x = np.asarray(after)[len(carried) :, -1]
-        errors.append(np.asarray(error))
-        states.append(np.asarray(state))
+        after, error, state = problem.functions.evaluated("series", np.concatenate([carried[:, k], x])[:, None], block)
+        x = after[len(carried) :, -1]
+        errors.append(error)
+        states.append(state)
     return np.hstack(errors), np.hstack(states)
 
 
@@ -83,8 +83,8 @@ def run_from(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Run through each segment from its own start in `nodes` (n_state, n_segments); returns as `run_through`."""
     packed = np.vstack([carried_on(problem, values, w), nodes])
-    _, errors, states = problem.functions.series.map(problem.layout.n_segments)(packed, data)
-    return np.asarray(errors), np.asarray(states)
+    _, errors, states = problem.functions.evaluated("series", packed, data)
+    return errors, states
 
 
 def filtered_nodes(
@@ -130,7 +130,7 @@ def sensitivities(
     size = n_x + n_p
     seeds = np.hstack([np.eye(n_x), np.zeros((n_x, n_p))]).ravel(order="F")
     packed = np.vstack([carried_on(problem, values, w)[:, :m], nodes, np.tile(seeds[:, None], m)])
-    after, rows = (np.asarray(part) for part in problem.functions.rows.map(m)(packed, data[:, : m * layout.length]))
+    after, rows = problem.functions.evaluated("rows", packed, data[:, : m * layout.length])
     if not (np.all(np.isfinite(after)) and np.all(np.isfinite(rows))):
         raise SolverError(_diverging(problem, values))
     ends = after[-n_x * size :, layout.length - 1 :: layout.length]

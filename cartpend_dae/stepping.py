@@ -27,11 +27,13 @@ NEWTON = 3  # from the last step's values each step squares the error, so that t
 class Step:
     """One step over h [s]; a state is the states of the system and then its algebraic variables, shape (n_x + n_z,).
 
-    ``function(t, h, x, u_a, u_b, p) -> x_next``: inputs run linearly from `u_a` to `u_b`.
+    ``function(t, h, x, u_a, u_b, p) -> x_next``: inputs run linearly from `u_a` to `u_b`. It is made of equal parts,
+    ``part(k, t, h, x, u_a, u_b, p) -> x`` after part k, for those who go through them in a loop.
     ``measure(t, h, x, u, p) -> y``: all variables of the system, with the friction forces at the start of a step h.
     """
 
     function: ca.Function
+    part: ca.Function
     measure: ca.Function
     substeps: int
 
@@ -50,6 +52,19 @@ def runge_kutta(system: System, *, substeps: int = 1) -> Step:
         Number of equal steps that `h` is divided into.
     """
     t, h = ca.SX.sym("t"), ca.SX.sym("h")
+    n_u, state = system.u.numel(), ca.SX.sym("x", system.x.numel() + system.z.numel())
+    u_a, u_b, p = ca.SX.sym("a", n_u), ca.SX.sym("b", n_u), ca.SX.sym("p", system.p.numel())
+    part, after = _part_function(system, substeps), state
+    for k in range(substeps):
+        after = part(k, t, h, after, u_a, u_b, p)
+    names = ["t", "h", "x", "u_a", "u_b", "p"]
+    function = ca.Function("step", [t, h, state, u_a, u_b, p], [after], names, ["x_next"], {"cse": True})
+    return Step(function, part, _measure_function(system, substeps), substeps)
+
+
+def _part_function(system: System, substeps: int) -> ca.Function:
+    """Return (k, t, h, x, u_a, u_b, p) -> the state after the equal part of h that is number k, from 0 on."""
+    k, t, h = ca.SX.sym("k"), ca.SX.sym("t"), ca.SX.sym("h")
     n_x, n_u = system.x.numel(), system.u.numel()
     state = ca.SX.sym("x", n_x + system.z.numel())
     u_a, u_b, p = ca.SX.sym("a", n_u), ca.SX.sym("b", n_u), ca.SX.sym("p", system.p.numel())
@@ -57,21 +72,16 @@ def runge_kutta(system: System, *, substeps: int = 1) -> Step:
     x, z = state[:n_x, 0], state[n_x:, 0]
     dt = h / substeps
     p_step = _followed(system, p, dt)
-    for k in range(substeps):
-        t_k = t + k * dt
-        share = [(k + part) / substeps for part in (0.0, 0.5, 1.0)]
-        u_0, u_1, u_2 = (u_a + s * (u_b - u_a) for s in share)
-        force = hold(t_k, dt, x, z, u_1, p_step)
-        slopes = []
-        for part, u in ((0.0, u_0), (0.5, u_1), (0.5, u_1), (1.0, u_2)):
-            at = x + part * dt * slopes[-1] if slopes else x
-            z = solve(t_k + part * dt, at, z, u, p_step, force)
-            slopes.append(rate(t_k + part * dt, at, z, u, p_step, force))
-        x = x + dt / 6 * (slopes[0] + 2 * slopes[1] + 2 * slopes[2] + slopes[3])
-    names = ["t", "h", "x", "u_a", "u_b", "p"]
-    after = ca.vertcat(x, z)
-    function = ca.Function("step", [t, h, state, u_a, u_b, p], [after], names, ["x_next"], {"cse": True})
-    return Step(function, _measure_function(system, substeps), substeps)
+    t_k = t + k * dt
+    u_0, u_1, u_2 = (u_a + (k + share) / substeps * (u_b - u_a) for share in (0.0, 0.5, 1.0))
+    force = hold(t_k, dt, x, z, u_1, p_step)
+    slopes = []
+    for share, u in ((0.0, u_0), (0.5, u_1), (0.5, u_1), (1.0, u_2)):
+        at = x + share * dt * slopes[-1] if slopes else x
+        z = solve(t_k + share * dt, at, z, u, p_step, force)
+        slopes.append(rate(t_k + share * dt, at, z, u, p_step, force))
+    x = x + dt / 6 * (slopes[0] + 2 * slopes[1] + 2 * slopes[2] + slopes[3])
+    return ca.Function("part", [k, t, h, state, u_a, u_b, p], [ca.vertcat(x, z)], {"cse": True})
 
 
 def shortest_times(system: System) -> tuple[int, ...]:

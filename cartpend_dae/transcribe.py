@@ -16,7 +16,6 @@ E. Brookner, "Tracking and Kalman Filtering Made Easy" (1998), section 1.2.6 (cr
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -145,111 +144,6 @@ def _unit_of_state(system: System, state: int) -> str:
     return system.unit_of(name) if name in system.positions[0] else f"{system.unit_of(inner)}/s"
 
 
-@dataclass(frozen=True)
-class Passes:
-    """CasADi functions of a layout, over the slots theta (n_slots,) of a run, scaled; each is made when it is needed.
-
-    ``value(packed, data)`` and ``slope(packed, data)`` fold a segment: packed are theta and w, the state, and the
-    cost, or the sensitivities (n_state, n_state + n_slots), the Gram matrix and the gradient of the residuals.
-    ``series(packed, data) -> (packed, residuals, states)`` and ``rows(packed, data) -> (packed, residuals and their
-    sensitivities)`` give a column for each sample. The time to make them depends on the model, not on the data.
-    """
-
-    layout: Layout
-
-    @cached_property
-    def step(self) -> Step:
-        """A step between samples."""
-        return runge_kutta(self.layout.system, substeps=self.layout.substeps)
-
-    @cached_property
-    def parameters(self) -> ca.Function:
-        """Theta -> all parameters of the system."""
-        return parameter_function(self.layout)
-
-    @cached_property
-    def _sample(self) -> "_Sample":
-        layout = self.layout
-        n_y = len(layout.outputs)
-        theta, w = ca.SX.sym("theta", len(layout.slots)), ca.SX.sym("w", n_y)
-        x, data = ca.SX.sym("x", layout.n_state), ca.SX.sym("data", 2 + 2 * layout.system.u.numel() + 2 * n_y)
-        x_next, error = _sample(layout, self.step, self.parameters(theta), w, x, data)
-        return _Sample(theta, w, x, data, x_next, error)
-
-    @cached_property
-    def _moved(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return seeds, and what they become at the next sample and in the residual."""
-        s, n_x = self._sample, self.layout.n_state
-        n_p = s.theta.numel()
-        seeds = ca.SX.sym("seeds", n_x, n_x + n_p)
-        full = ca.vertcat(seeds, ca.horzcat(ca.SX.zeros(n_p, n_x), ca.SX.eye(n_p)))
-        moved = ca.jtimes(ca.vertcat(s.x_next, s.error), ca.vertcat(s.x, s.theta), full)
-        return seeds, moved[:n_x, :], moved[n_x:, :]
-
-    @cached_property
-    def value(self) -> ca.Function:
-        """The cost of a segment."""
-        s, cost = self._sample, ca.SX.sym("cost")
-        loss, _, _ = weighed(s.error, self.layout.huber)
-        return _fold("value", [s.carried, s.x, cost], [s.carried, s.x_next, cost + loss], s.data, self.layout.length)
-
-    @cached_property
-    def slope(self) -> ca.Function:
-        """The cost of a segment to second order."""
-        s = self._sample
-        seeds, seeds_next, error_slope = self._moved
-        size = seeds.size2()
-        gram, gradient = ca.SX.sym("gram", size, size), ca.SX.sym("gradient", size)
-        _, pull, curvature = weighed(s.error, self.layout.huber)
-        return _fold(
-            "slope",
-            [s.carried, s.x, ca.vec(seeds), ca.vec(gram), gradient],
-            [
-                s.carried,
-                s.x_next,
-                ca.vec(seeds_next),
-                ca.vec(gram + error_slope.T @ (error_slope * ca.repmat(curvature, 1, size))),
-                gradient + error_slope.T @ pull,
-            ],
-            s.data,
-            self.layout.length,
-        )
-
-    @cached_property
-    def series(self) -> ca.Function:
-        """Residuals and states of a segment."""
-        s = self._sample
-        after = [ca.vertcat(s.carried, s.x_next), s.error, s.x]
-        series = ca.Function("series", [ca.vertcat(s.carried, s.x), s.data], after, {"cse": True})
-        return series.mapaccum(self.layout.length)
-
-    @cached_property
-    def rows(self) -> ca.Function:
-        """Residuals of a segment and their sensitivities."""
-        s = self._sample
-        seeds, seeds_next, error_slope = self._moved
-        before = ca.vertcat(s.carried, s.x, ca.vec(seeds))
-        after = ca.vertcat(s.carried, s.x_next, ca.vec(seeds_next))
-        rows = ca.Function("rows", [before, s.data], [after, ca.vertcat(s.error, ca.vec(error_slope))], {"cse": True})
-        return rows.mapaccum(self.layout.length)
-
-
-@dataclass(frozen=True, slots=True)
-class _Sample:
-    """One sample as expressions: what goes in, the state at the next one, and the weighted residual of this one."""
-
-    theta: ca.SX
-    w: ca.SX
-    x: ca.SX
-    data: ca.SX
-    x_next: ca.SX
-    error: ca.SX
-
-    @property
-    def carried(self) -> ca.SX:
-        return ca.vertcat(self.theta, self.w)
-
-
 def weighed(error: ca.SX, huber: float) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Return half the sum of squares, its gradient and curvature; beyond `huber` the square goes on as a line.
 
@@ -264,11 +158,6 @@ def weighed(error: ca.SX, huber: float) -> tuple[ca.SX, ca.SX, ca.SX]:
     loss = ca.if_else(is_small, error**2 / 2, huber * (size - huber / 2))
     weight = ca.if_else(is_small, 1, huber / ca.fmax(size, huber))
     return ca.sum1(loss), weight * error, weight
-
-
-def _fold(name: str, before: list[ca.SX], after: list[ca.SX], data: ca.SX, length: int) -> ca.Function:
-    step = ca.Function(name, [ca.vertcat(*before), data], [ca.vertcat(*after)], {"cse": True})
-    return step.fold(length)
 
 
 def parameter_function(layout: Layout) -> ca.Function:
@@ -287,19 +176,21 @@ def parameter_function(layout: Layout) -> ca.Function:
 def sample_step(layout: Layout, theta: ca.SX, w: ca.SX, x: ca.SX, data: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return the state at the next sample and the weighted residual of this one, whose data is a column."""
     step = runge_kutta(layout.system, substeps=layout.substeps)
-    return _sample(layout, step, parameter_function(layout)(theta), w, x, data)
+    p = parameter_function(layout)(theta)
+    now, error = seen(layout, step, p, w, x, data)
+    n_u = layout.system.u.numel()
+    time, width, u_a, u_b, _ = ca.vertsplit(data, [0, 1, 2, 2 + n_u, 2 + 2 * n_u, data.numel()])
+    return step.function(time, width, now, u_a, u_b, p), error
 
 
-def _sample(layout: Layout, step: Step, p: ca.SX, w: ca.SX, x: ca.SX, data: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return the state at the next sample and the weighted residual of this one."""
-    system = layout.system
-    n_u, n_y = system.u.numel(), len(layout.outputs)
-    time, width, u_a, u_b, measured, weight = ca.vertsplit(
+def seen(layout: Layout, step: Step, p: ca.SX, w: ca.SX, x: ca.SX, data: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return the state as the sample corrects it, and the weighted residual there."""
+    n_u, n_y = layout.system.u.numel(), len(layout.outputs)
+    time, width, u_a, _, measured, weight = ca.vertsplit(
         data, [0, 1, 2, 2 + n_u, 2 + 2 * n_u, 2 + 2 * n_u + n_y, 2 + 2 * n_u + 2 * n_y]
     )
     error = measured - step.measure(time, width, x, u_a, p)[list(layout.outputs)]
-    now = corrected(layout, p, w, x, error, (width, weight))
-    return step.function(time, width, now, u_a, u_b, p), weight * error
+    return corrected(layout, p, w, x, error, (width, weight)), weight * error
 
 
 def corrected(layout: Layout, p: ca.SX, w: ca.SX, x: ca.SX, error: ca.SX, sample: tuple[ca.SX, ca.SX]) -> ca.SX:

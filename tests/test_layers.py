@@ -72,6 +72,7 @@ LAYERS = """
     sensitivity
     unknowns
     transcribe
+    passes
     starts cuts
     programme
     problem

@@ -1,0 +1,187 @@
+"""Passes over the data of an estimation problem, as CasADi functions that go from sample to sample in a loop.
+
+At each sample the state is compared with what was measured, and corrected; then the equal parts of the step to the next
+sample follow one another in a loop of their own, together with the sensitivities. So the time to make a pass depends
+on the model alone, not on the number of samples or of parts. What is used much is compiled.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from cartpend_dae.compiled import compiled
+from cartpend_dae.stepping import Step, runge_kutta
+from cartpend_dae.transcribe import Layout, parameter_function, seen, weighed
+
+# a part of a step takes 2 ns for each of its operations as CasADi evaluates it and 0.2 ns as machine code, which takes
+# the compiler 0.25 ms for each: after so many parts it would have paid (measured on 30 models of the driven cart)
+WORTH = 150_000
+# from so many parts on it is worth to ask whether it was compiled before
+ASKED = 5_000
+
+
+@dataclass(frozen=True)
+class Passes:
+    """CasADi functions of a layout, over the slots theta (n_slots,) of a run, scaled; each is made when it is needed.
+
+    ``value(packed, data)`` and ``slope(packed, data)`` fold a segment: packed are theta and w, the state, and the
+    cost, or the sensitivities (n_state, n_state + n_slots), the Gram matrix and the gradient of the residuals.
+    ``series(packed, data) -> (packed, residuals, states)`` and ``rows(packed, data) -> (packed, residuals and their
+    sensitivities)`` give a column for each sample.
+    """
+
+    layout: Layout
+    _parts: dict[str, int] = field(default_factory=dict, repr=False, compare=False)
+    _machine_code: dict[str, ca.Function] = field(default_factory=dict, repr=False, compare=False)
+
+    def evaluated(self, name: str, packed: np.ndarray, data: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return what a pass gives for all segments, of which `packed` has a column each: compiled, if that pays."""
+        m = packed.shape[1]
+        function = self._quickest(name, m)
+        found = (function if m == 1 else function.map(m)).call([packed, data])
+        return tuple(np.asarray(part) for part in found)
+
+    def _quickest(self, name: str, n_segments: int) -> ca.Function:
+        """Return a pass as machine code, which gives the same to the last bit, where that is worth its compilation."""
+        function: ca.Function = getattr(self, name)
+        if name in self._machine_code:
+            return self._machine_code[name]
+        before = self._parts.get(name, 0)
+        now = self._parts[name] = before + n_segments * self.layout.length * self.layout.substeps
+        if now > WORTH:
+            self._machine_code[name] = compiled(function)
+        elif before <= ASKED < now:
+            found = compiled(function, only_cached=True)
+            if found is not function:
+                self._machine_code[name] = found
+        return self._machine_code.get(name, function)
+
+    @cached_property
+    def step(self) -> Step:
+        """A step between samples."""
+        return runge_kutta(self.layout.system, substeps=self.layout.substeps)
+
+    @cached_property
+    def parameters(self) -> ca.Function:
+        """Theta -> all parameters of the system."""
+        return parameter_function(self.layout)
+
+    @cached_property
+    def _sample(self) -> "_Sample":
+        layout = self.layout
+        n_y = len(layout.outputs)
+        theta, w = ca.SX.sym("theta", len(layout.slots)), ca.SX.sym("w", n_y)
+        x, data = ca.SX.sym("x", layout.n_state), ca.SX.sym("data", 2 + 2 * layout.system.u.numel() + 2 * n_y)
+        now, error = seen(layout, self.step, self.parameters(theta), w, x, data)
+        n_p = theta.numel()
+        seeds = ca.SX.sym("seeds", layout.n_state, layout.n_state + n_p)
+        return _Sample(theta, w, x, data, seeds, now, error)
+
+    @cached_property
+    def value(self) -> ca.Function:
+        """The cost of a segment."""
+        s, cost = self._sample, ca.SX.sym("cost")
+        loss, _, _ = weighed(s.error, self.layout.huber)
+        return self._between("value", [cost], [cost + loss], has_seeds=False).fold(self.layout.length)
+
+    @cached_property
+    def slope(self) -> ca.Function:
+        """The cost of a segment to second order."""
+        s = self._sample
+        size = s.seeds.size2()
+        gram, gradient = ca.SX.sym("gram", size, size), ca.SX.sym("gradient", size)
+        _, pull, curvature = weighed(s.error, self.layout.huber)
+        slope = s.error_slope
+        after = [ca.vec(gram + slope.T @ (slope * ca.repmat(curvature, 1, size))), gradient + slope.T @ pull]
+        return self._between("slope", [ca.vec(gram), gradient], after).fold(self.layout.length)
+
+    @cached_property
+    def series(self) -> ca.Function:
+        """Residuals and states of a segment."""
+        s = self._sample
+        return self._between("series", shown=[s.error, s.x], has_seeds=False).mapaccum(self.layout.length)
+
+    @cached_property
+    def rows(self) -> ca.Function:
+        """Residuals of a segment and their sensitivities."""
+        s = self._sample
+        shown = [ca.vertcat(s.error, ca.vec(s.error_slope))]
+        return self._between("rows", shown=shown).mapaccum(self.layout.length)
+
+    def _between(
+        self,
+        name: str,
+        before: list[ca.SX] | None = None,
+        after: list[ca.SX] | None = None,
+        *,
+        shown: list[ca.SX] | None = None,
+        has_seeds: bool = True,
+    ) -> ca.Function:
+        """Return (packed, data) -> (packed at the next sample, what is shown of this one).
+
+        Packed are theta and w, the state, the seeds if it has any, and what is gathered, `before` and `after` a sample.
+        """
+        s, gathered = self._sample, before or []
+        seeds, seeds_now = (s.seeds, s.seeds_now) if has_seeds else (ca.SX(0, 0), ca.SX(0, 0))
+        parts = [s.theta, s.w, s.x, ca.vec(seeds), *gathered]
+        results = [s.now, ca.vec(seeds_now), *(after or []), *(shown or [])]
+        head = ca.Function(f"{name}_at", [*parts, s.data], results, {"cse": True})
+        loop, n_drive = self._loop(has_seeds)
+        packed, data = ca.MX.sym("packed", sum(part.numel() for part in parts)), ca.MX.sym("data", s.data.numel())
+        theta, w, x, columns, *rest = ca.vertsplit(packed, np.cumsum([0, *(part.numel() for part in parts)]).tolist())
+        now, columns, *found = head(theta, w, x, columns, *rest, data)
+        moved = loop(ca.vertcat(theta, data[:n_drive], 0, now, columns))[theta.numel() + n_drive + 1 :]
+        n = len(gathered)
+        return ca.Function(name, [packed, data], [ca.vertcat(theta, w, moved, *found[:n]), *found[n:]])
+
+    def _loop(self, has_seeds: bool) -> tuple[ca.Function, int]:
+        """Return the parts of a step, each of which goes on from what the one before leaves; and what drives them.
+
+        What goes on is theta, time, width and inputs, the number of the part, the state, and the seeds.
+        """
+        s, n_drive = self._sample, 2 + 2 * self.layout.system.u.numel()
+        drive, k = ca.SX.sym("drive", n_drive), ca.SX.sym("k")
+        time, width, inputs = ca.vertsplit(drive, [0, 1, 2, n_drive])
+        u_a, u_b = ca.vertsplit(inputs, inputs.numel() // 2) if inputs.numel() else (inputs, inputs)
+        x_next = self.step.part(k, time, width, s.x, u_a, u_b, self.parameters(s.theta))
+        before, after = [s.theta, drive, k, s.x], [s.theta, drive, k + 1, x_next]
+        if has_seeds:
+            before.append(ca.vec(s.seeds))
+            after.append(ca.vec(s.pushed(x_next)))
+        part = ca.Function("part", [ca.vertcat(*before)], [ca.vertcat(*after)], {"cse": True})
+        return part if self.layout.substeps == 1 else part.fold(self.layout.substeps), n_drive
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """One sample as expressions: what goes in, the state as it corrects it, and its weighted residual."""
+
+    theta: ca.SX
+    w: ca.SX
+    x: ca.SX
+    data: ca.SX
+    seeds: ca.SX
+    now: ca.SX
+    error: ca.SX
+
+    def pushed(self, expression: ca.SX) -> ca.SX:
+        """Return what the seeds become in an expression of x and theta."""
+        n_p, n_x = self.theta.numel(), self.x.numel()
+        full = ca.vertcat(self.seeds, ca.horzcat(ca.SX.zeros(n_p, n_x), ca.SX.eye(n_p)))
+        return ca.jtimes(expression, ca.vertcat(self.x, self.theta), full)
+
+    @cached_property
+    def _moved(self) -> ca.SX:
+        return self.pushed(ca.vertcat(self.now, self.error))
+
+    @property
+    def seeds_now(self) -> ca.SX:
+        """The seeds in the corrected state."""
+        return self._moved[: self.x.numel(), :]
+
+    @property
+    def error_slope(self) -> ca.SX:
+        """The seeds in the residual."""
+        return self._moved[self.x.numel() :, :]
