@@ -56,7 +56,7 @@ def fit_study(setup: Setup, route: Route, report: Report) -> tuple[Problem, Fit]
     free, notes = off_the_bounds(problem.free)
     if notes:
         problem = replace(problem, free=free)
-        bench = replace(bench, problems={(): problem})
+        bench = replace(bench, problems={(None, ()): problem})
     check_reach(problem)
     sd = problem.prior_sd
     points = [shifted(problem.layout.free, point) for point in start_points(free, route.starts, route.seed)]

@@ -239,6 +239,11 @@ def normal_equations(
 
     They are over parameters and free starts (scaled). The segments are run through one after the other,
     so that their sums are those of single shooting.
+
+    Raises
+    ------
+    SolverError
+        If the simulation, or its derivatives, diverge.
     """
     layout = problem.layout
     n_x, n_p = layout.n_state, len(layout.slots)
@@ -259,7 +264,7 @@ def normal_equations(
         x, slope = begin.get(k, (x, slope))
         block = data[:, k * layout.length : (k + 1) * layout.length]
         packed = np.concatenate([carried[:, k], x, seeds.ravel(order="F"), np.zeros(size * size + size)])
-        out = np.asarray(problem.functions.slope(packed, block)).ravel()[n_c:]
+        out = problem.functions.evaluated("slope", packed[:, None], block)[0].ravel()[n_c:]
         x = out[:n_x]
         step = out[n_x : n_x + n_x * size].reshape(n_x, size, order="F")
         local = out[n_x + n_x * size :][: size * size].reshape(size, size, order="F")
@@ -267,6 +272,8 @@ def normal_equations(
         grams[k] = to_local.T @ local @ to_local
         gradients[k] = to_local.T @ out[-size:]
         slope = step @ to_local
+    if not (np.all(np.isfinite(grams)) and np.all(np.isfinite(gradients))):
+        raise SolverError(_diverging(problem, values))
     return grams, gradients
 
 

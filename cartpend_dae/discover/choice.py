@@ -11,6 +11,7 @@ from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.records import Candidate, Gate, Step
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.workbench import Workbench
+from cartpend_dae.errors import SolverError
 
 # models whose criterion differs by less than this, or this share of chi2, explain the data alike: the smaller is taken
 ALIKE, ALIKE_SHARE, ALIKE_WHITE = 10.0, 0.01, 0.05
@@ -73,11 +74,14 @@ def _likeliest(bench: Workbench, tied: list[Candidate], base: Base, rules: Rules
     def criterion(candidate: Candidate) -> float:
         assert candidate.fit is not None
         together = (*base.taken, candidate.insertion)
-        return fitted(bench, together, rules.loads, candidate.fit.point, rules.screening, rules.sd)[1].criterion
+        try:
+            return fitted(bench, together, rules.loads, candidate.fit.point, rules.screening, rules.sd)[1].criterion
+        except SolverError:  # it diverges with the injection of that stage
+            return np.inf
 
     values = [criterion(candidate) for candidate in tied]
     near = [c for c, value in zip(tied, values, strict=True) if value < min(values) + ALIKE_WEIGHED]
-    linear = [c for c in near if set(c.insertion.card.regressors) <= LINEAR]
+    linear = [c for c in near or tied if set(c.insertion.card.regressors) <= LINEAR]
     return linear[0] if linear else tied[int(np.argmin(values))]
 
 

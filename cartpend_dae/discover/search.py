@@ -215,26 +215,42 @@ def _grow(
     """
     first = base
     while len(log.steps) < max_steps:
-        options = candidates(*library, base.taken)
-        if rules.regime == "noise" and log.steps:
-            options = _supported(bench, base, rules, options)
-            if not options:
-                break
-        ranked = first_round or try_all(bench, base, rules, options)
+        try:
+            grown = _grown(bench, base, rules, library, log, first_round)
+        except SolverError:
+            if not log.steps:
+                raise
+            break  # what was found before stands
         first_round = None
-        log.tried |= {candidate.insertion.prefix: candidate for candidate in ranked}
-        if not ranked or ranked[0].why_not:
+        if grown is None:
             break
-        winner = ranked[0]
-        base = _base_of(bench, base, base.taken, winner, rules)
-        steps = [*log.steps, step_of(winner, residuals(base.fit), ranked)]
-        base, steps = _prune(bench, base, steps, rules, len(options))
-        base, steps = _swap(bench, base, steps, rules, library)
-        log.steps, log.base = steps, base
+        base = grown
         if rules.regime != "forces" and not residuals(base.fit).is_passed:
             break
         if _push_left(first, base) < SHAPE:  # what is left may be what the laws found are wrong by
             break
+    return base
+
+
+def _grown(
+    bench: Workbench, base: Base, rules: Rules, library: _Library, log: _Log, first_round: list[Candidate] | None
+) -> Base | None:
+    """Return the model with one more effect, and log it; None if there is none to add."""
+    options = candidates(*library, base.taken)
+    if rules.regime == "noise" and log.steps:
+        options = _supported(bench, base, rules, options)
+        if not options:
+            return None
+    ranked = first_round or try_all(bench, base, rules, options)
+    log.tried |= {candidate.insertion.prefix: candidate for candidate in ranked}
+    if not ranked or ranked[0].why_not:
+        return None
+    winner = ranked[0]
+    base = _base_of(bench, base, base.taken, winner, rules)
+    steps = [*log.steps, step_of(winner, residuals(base.fit), ranked)]
+    base, steps = _prune(bench, base, steps, rules, len(options))
+    base, steps = _swap(bench, base, steps, rules, library)
+    log.steps, log.base = steps, base
     return base
 
 
@@ -258,7 +274,11 @@ def _reported(bench: Workbench, base: Base, rules: Rules) -> Fit:
     """Return the fit of a base with the standard deviations that its regime calls for."""
     if rules.regime == "noise":
         return mirrored(base.fit)
-    return mirrored(with_robust_sd(base.fit, bench.solved(base.taken, base.fit, rules.sd)))
+    try:
+        linear = bench.solved(base.taken, base.fit, rules.sd)
+    except SolverError:  # joined end to end its pieces diverge
+        return mirrored(base.fit)
+    return mirrored(with_robust_sd(base.fit, linear))
 
 
 def _pushes_remain(before: Base, after: Base) -> bool:

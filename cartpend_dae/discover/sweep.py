@@ -27,6 +27,9 @@ from cartpend_dae.transcribe import sample_step, shown_state, stack_data
 
 # a rig rests where over so long [s] the variance of a measured value is less than so many times that of its noise
 REST, QUIET = 0.2, 2.5
+# products of step and fastest eigenvalue: as far as the fastest motion allows, for what need not be exact; and shorter
+# ones where that diverges, as a spring is stiffer than it began
+STRIDES = (COARSE, 0.25, 0.05)
 # share of itself by which df/ds may change between two samples for the mean of both ends to be good
 ROUGH = 0.5
 # sensitivities beyond this are those of an effect whose own states ran away
@@ -84,14 +87,17 @@ def sweep(
     whole = (*taken, *options)
     system = without_events(assembled(bench.setup.model, whole, bench.setup.train), "An estimation")
     system = _sliding(system, [i for i, place in enumerate(system.frictions.places) if _is_at(place, options)])
-    problem = bench.problem_of(system, taken, whole, coarse=True)
-    values = scaled_values(problem, point)
-    w = np.full(len(problem.outputs), float(bandwidth))
-    data = stack_data(problem.layout, problem.experiments, 1.0 / sd)
-    residual, states = run_through(problem, values, w, data)
     inside = _inside(system, options, bench.problem(taken).system.states)
-    own = [i for i in range(states.shape[0]) if i not in inside]
-    if not (np.all(np.isfinite(states[own])) and np.all(np.isfinite(residual))):
+    for stride in STRIDES:
+        problem = replace(bench.problem_of(system, taken, whole), step=None, stride=stride)
+        values = scaled_values(problem, point)
+        w = np.full(len(problem.outputs), float(bandwidth))
+        data = stack_data(problem.layout, problem.experiments, 1.0 / sd)
+        residual, states = run_through(problem, values, w, data)
+        own = [i for i in range(states.shape[0]) if i not in inside]
+        if np.all(np.isfinite(states[own])) and np.all(np.isfinite(residual)):
+            break
+    else:
         raise SolverError("The model with all effects of the catalogue in it diverges.")
     local = _local(problem, system, inside, values, w, data, states)
     names = tuple(name for insertion in options for name in insertion.size_names)

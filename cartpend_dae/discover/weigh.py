@@ -26,6 +26,7 @@ LONGEST = 1.0
 BLOCKS = 30
 # forces that move the data alike to this cosine are one
 ALIKE = 0.98
+TINY = 1e-150
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,8 +124,9 @@ def weigh(
     if not (np.isfinite(criterion) and np.all(np.isfinite(white.rows))):
         raise SolverError(f"{bench.problem(taken).system.name} cannot be weighed against random forces: it diverges.")
     free = bench.problem(taken).layout.free
-    validated, spread = _jackknife(white.rows[0], white.determinant[0], chain, len(free))
     values = scaled_values(bench.problem(taken), point)
+    most = np.array([abs(item.value(v) / item.slope(v)) for item, v in zip(free, values, strict=False)])
+    validated, spread = _jackknife(white.rows[0], white.determinant[0], chain, most)
     ahead = _ahead(bench.problem(taken), values, white.rows[0][chain.measured])
     sds = {item.name: item.slope(v) * float(s) for item, v, s in zip(free, values, spread, strict=False)}
     return Weighed(criterion, validated, forces, _bandwidth(white.gain[0], chain), sds, found, ahead)
@@ -193,11 +195,13 @@ def _best(chain: Chain, rows: np.ndarray, sizes: np.ndarray, times: np.ndarray) 
     return best, found[best]
 
 
-def _jackknife(white: np.ndarray, determinant: float, chain: Chain, n_free: int) -> tuple[float, np.ndarray]:
+def _jackknife(white: np.ndarray, determinant: float, chain: Chain, most: np.ndarray) -> tuple[float, np.ndarray]:
     """Return -2 ln likelihood with each block predicted from the others, and the spread of the parameters.
 
-    Start states, which only the first block of a run determines, are held.
+    Start states, which only the first block of a run determines, are held. What is linear here holds no further than
+    `most` of a parameter, all of it, and its standard deviation; there a shift ends.
     """
+    n_free = most.size
     samples = np.flatnonzero(chain.measured.any(axis=1))
     scale = np.linalg.norm(white[:, :, 1:], axis=(0, 1))
     scale = np.where(scale > 0, scale, 1.0)
@@ -207,10 +211,13 @@ def _jackknife(white: np.ndarray, determinant: float, chain: Chain, n_free: int)
     parts = np.array_split(samples, BLOCKS)
     free = [(white[part][:, :, 1 : 1 + n_free] / scale[:n_free]).reshape(-1, n_free) for part in parts]
     rests = [left[part].ravel() for part in parts]
-    total = sum(block.T @ block for block in free)
+    total = sum((block.T @ block for block in free), np.zeros((n_free, n_free)))
+    noise = np.linalg.norm(left[samples]) / np.sqrt(chain.measured.sum())
+    reach = most * scale[:n_free] + noise * np.sqrt(np.clip(np.diag(np.linalg.pinv(total, rcond=1e-10)), 0.0, None))
     squares, moved = 0.0, []
     for block, rest in zip(free, rests, strict=True):
         shift = np.linalg.lstsq(total - block.T @ block, block.T @ rest, rcond=1e-10)[0]
+        shift /= max(1.0, float(np.max(np.abs(shift) / np.maximum(reach, TINY), initial=0.0)))
         squares += float(np.sum((rest + block @ shift) ** 2))
         moved.append(shift)
     spread = np.array(moved)

@@ -117,17 +117,11 @@ class Workbench:
         free = (*self._free(system, taken), *weights(system))
         return self._problem(system, free, renamed(self.setup.train, inside), self.setup.step)
 
-    def problem_of(
-        self, system: System, taken: tuple[Insertion, ...], inside: tuple[Insertion, ...], *, coarse: bool = False
-    ) -> Problem:
-        """Make a problem of a system with effects `inside` on the training runs, of which those `taken` are free.
-
-        A `coarse` one steps as far as the fastest motion allows, for what need not be exact.
-        """
+    def problem_of(self, system: System, taken: tuple[Insertion, ...], inside: tuple[Insertion, ...]) -> Problem:
+        """Make a problem of a system with effects `inside` on the training runs, of which those `taken` are free."""
         runs = renamed(self.setup.train, inside)
         free = self._free(system, taken)
-        problem = self._problem(system, free, runs, self.setup.step)
-        return replace(problem, step=None, stride=COARSE) if coarse else problem
+        return self._problem(system, free, runs, self.setup.step)
 
     def _problem(
         self,
@@ -234,8 +228,10 @@ class Workbench:
         return linearised(self.build(insertions, self.setup.train), point, bandwidth, sd)
 
     def solved(self, insertions: tuple[Insertion, ...], fit: Fit, sd: np.ndarray) -> Linearisation:
-        """Return the normal equations at a solution of a problem made before."""
-        return linearised(self.problem(insertions), fit.point, float(fit.bandwidth[0]), sd)
+        """Return the normal equations at a solution of a problem made before, on the steps that it was fitted on."""
+        bandwidth = float(fit.bandwidth[0])
+        stride = "fine" if bandwidth == 0.0 and self._needs_fine_steps(insertions) else None
+        return linearised(self.problem(insertions, stride), fit.point, bandwidth, sd)
 
     @property
     def frequency(self) -> float:
