@@ -80,7 +80,7 @@ class Candidate:
     `gain` is the drop of the criterion (BIC in the regime of noise; -2 ln likelihood against random forces with
     disturbances); `t` is estimate over sd, there that of the block jackknife; `why_not` is empty for the one
     accepted. `response` is the direction in which it was predicted to move the residuals, `early` the chi^2 of the
-    first, rough fit, where there was one.
+    first, rough fit, where there was one. `others` are the same effect from other starts that promise about as much.
     """
 
     insertion: Insertion
@@ -92,6 +92,7 @@ class Candidate:
     why_not: str
     response: np.ndarray | None = field(default=None, compare=False, repr=False)
     early: float | None = None
+    others: "tuple[Candidate, ...]" = field(default=(), compare=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,8 @@
 """Stage 2: which effect at which place could explain the residual? One linearisation for all, no fit."""
 
+import contextlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -17,6 +18,11 @@ from cartpend_dae.errors import ModelError, SolverError
 # squared sine of the angle between what an effect changes and what is free already, below which no sensor sees it:
 # one linearisation for all effects turns directions by up to 1e-3
 BLIND = 1e-6
+# another start that promises this share of the best one is tried as well
+NEAR = 0.8
+# where no effect promises this share of what is left, sizes are tried: so many times the one that moves as much
+ENOUGH = 0.5
+PROBES = (0.3, 1.0, 3.0)
 
 
 def candidates(cards: tuple[Card, ...], places: tuple[Place, ...], taken: tuple[Insertion, ...]) -> list[Insertion]:
@@ -82,7 +88,8 @@ def screen(
     -------
     list
         Candidates without a fit, the most promising first; `why_not` is set where there is nothing to fit. Each
-        effect stands once at a place, with the start that promises most.
+        effect stands once at a place, with the start that promises most; the next best is among its `others` if it
+        promises about as much, as a fit may end elsewhere from there.
     """
     names = tuple(str((option.prefix, dict(option.values))) for option in (*taken, *options))
     against = None if weighed is None else (weighed.criterion, weighed.bandwidth, weighed.forces)
@@ -95,16 +102,62 @@ def screen(
     ranked = sorted(found, key=lambda candidate: (bool(candidate.why_not), -candidate.predicted))
     best: dict[str, Candidate] = {}
     for candidate in ranked:
-        best.setdefault(candidate.insertion.prefix, candidate)
+        first = best.setdefault(candidate.insertion.prefix, candidate)
+        is_near = not candidate.why_not and candidate.predicted > NEAR * first.predicted
+        if candidate is not first and is_near and not first.others:
+            best[candidate.insertion.prefix] = replace(first, others=(candidate,))
     return list(best.values())
 
 
 def _kept(at: "_At", options: list[Insertion]) -> list[Prediction]:
     """Screen all, as it can be kept on disk."""
     pairs = [pair for batch in _batches(options) for pair in _screened(at, batch)]
-    found = [c for c, _ in pairs] if at.weighed is None else predictions(pairs, at.weighed)
+    found = _probed(at, [c for c, _ in pairs]) if at.weighed is None else predictions(pairs, at.weighed)
     number = {id(option): k for k, option in enumerate(options)}
     return [Prediction(number[id(c.insertion)], c.parameters, c.predicted, c.why_not, c.response) for c in found]
+
+
+def _probed(at: "_At", found: list[Candidate]) -> list[Candidate]:
+    """Try effects in series at sizes that move the data as much as what is left, if no straight line explains half.
+
+    What gives way resonates: with its size the response grows, and then turns, which no slope at size 0 tells.
+    """
+    tried = [c for c in found if c.insertion.card.insertion == "series" and len(c.insertion.size_names) == 1]
+    if not tried:
+        return found
+    try:
+        base = at.alone(tried[0].insertion)
+    except (SolverError, ModelError):
+        return found
+    whole = _left(base.residual, base.base)
+    if max((c.predicted for c in found if not c.why_not), default=0.0) > ENOUGH * whole:
+        return found
+    return [_at_sizes(at, c, whole) if any(c is one for one in tried) else c for c in found]
+
+
+def _at_sizes(at: "_At", candidate: Candidate, whole: float) -> Candidate:
+    """Return a candidate at the size of which it explains most, if that is more than its slope promises."""
+    insertion, best = candidate.insertion, candidate
+    name, starts = insertion.size_names[0], insertion.starts
+    try:
+        slope = float(np.linalg.norm(at.alone(insertion).sizes[name]))
+    except (SolverError, ModelError):
+        return candidate
+    for share in PROBES if slope > 0 and np.isfinite(slope) else ():
+        values = starts | {name: share * np.sqrt(whole) / slope}
+        with contextlib.suppress(SolverError, ModelError):
+            there = at.alone(insertion, values)
+            columns = np.column_stack([there.base, *there.sizes.values()])
+            predicted = whole - _left(there.residual, columns)
+            if predicted > best.predicted:
+                best = replace(candidate, parameters=values, predicted=predicted, why_not="", response=None)
+    return best
+
+
+def _left(residual: np.ndarray, columns: np.ndarray) -> float:
+    """Return the squares that no combination of columns explains."""
+    basis = basis_of(columns)
+    return float(np.sum((residual - basis @ (basis.T @ residual)) ** 2))
 
 
 def _batches(options: list[Insertion]) -> list[tuple[Insertion, ...]]:
@@ -132,8 +185,9 @@ class _At:
     def sweep(self, batch: tuple[Insertion, ...]) -> Sweep:
         return sweep(self.bench, self.taken, batch, self.point, self.bandwidth, self.sd)
 
-    def alone(self, option: Insertion) -> Sweep:
-        return one_by_one(self.bench, self.taken, option, self.point, self.bandwidth, self.sd)
+    def alone(self, option: Insertion, values: Mapping[str, float] | None = None) -> Sweep:
+        point = {**self.point, **(values or {})}
+        return one_by_one(self.bench, self.taken, option, point, self.bandwidth, self.sd)
 
 
 _Judged = tuple[Candidate, Mapping[str, np.ndarray]]

@@ -1,5 +1,6 @@
 """Stage 3: the most promising effects are fitted and judged, and one of them is put first."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -129,12 +130,27 @@ def _weighed_trials(bench: Workbench, base: Base, rules: Rules, options: list[In
         bench.expect(candidate.parameters)
     judged = each(
         bench,
-        few,
+        _with_others(few),
         lambda at, c: judge(at, base.taken, rules.loads, (fit, weighed), c, rules.sd, len(options)),
         "last fit",
     )
+    judged = _best_of_each(judged, lambda c: -c.gain)
     found = [c for c in judged if c.fit is not None]
     return ordered(found, second) + [c for c in judged if c.fit is None] + rest
+
+
+def _with_others(candidates: list[Candidate]) -> list[Candidate]:
+    return [start for candidate in candidates for start in (candidate, *candidate.others)]
+
+
+def _best_of_each(judged: list[Candidate], criterion: Callable[[Candidate], float]) -> list[Candidate]:
+    """Return one candidate of each effect at a place, from the start with which the criterion is smallest."""
+    best: dict[str, Candidate] = {}
+    for candidate in judged:
+        other = best.setdefault(candidate.insertion.prefix, candidate)
+        if candidate.fit is not None and (other.fit is None or criterion(candidate) < criterion(other)):
+            best[candidate.insertion.prefix] = candidate
+    return list(best.values())
 
 
 def _first_fits(bench: Workbench, base: Base, rules: Rules, stage: float, wide: list[Candidate]) -> list[Candidate]:
@@ -146,7 +162,9 @@ def _first_fits(bench: Workbench, base: Base, rules: Rules, stage: float, wide: 
         if enough is not None and count > len(enough.insertion.parameter_names) + 1:
             found += [replace(c, fit=None, why_not=_far_simpler(enough)) for c in these]
             continue
-        new = each(bench, these, lambda at, candidate: _tried(at, base, rules, stage, candidate), "first fit")
+        starts = _with_others(these)
+        new = each(bench, starts, lambda at, candidate: _tried(at, base, rules, stage, candidate), "first fit")
+        new = _best_of_each(new, lambda c: c.fit.chi2 if c.fit else np.inf)
         found += new
         enough = enough or _enough(bench, base, rules, new)
     return found
