@@ -59,7 +59,8 @@ def _margin(candidate: Candidate, best: Candidate) -> float:
     """
     assert candidate.fit is not None and best.fit is not None
     share = ALIKE_SHARE if residuals(candidate.fit).is_passed else ALIKE_WHITE
-    return max(ALIKE, share * best.fit.chi2)
+    # so many percent of chi2 are so many percent of the number of residuals in BIC, which has the logarithm of chi2
+    return max(ALIKE, share * best.fit.n_residuals)
 
 
 def _likeliest(bench: Workbench, tied: list[Candidate], base: Base, rules: Rules) -> Candidate:
