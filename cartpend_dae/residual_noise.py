@@ -37,7 +37,8 @@ def noise_model(runs: list[np.ndarray], n_estimated: int = 0) -> NoiseModel:
     """Estimate the noise from the residuals of runs, arrays (n, n_y) with NaN where nothing was measured.
 
     Each output is autoregressive, by the equations of Yule and Walker over all runs, of the order with the
-    smallest BIC.
+    smallest BIC. One that is measured at each second sample only follows from its own samples, so that every second
+    coefficient is zero.
 
     Parameters
     ----------
@@ -52,7 +53,7 @@ def noise_model(runs: list[np.ndarray], n_estimated: int = 0) -> NoiseModel:
     G. Schwarz, Ann. Statist. 6 (1978), 461-464, doi:10.1214/aos/1176344136 (the order).
     """
     n_y = runs[0].shape[1]
-    filters = tuple(_autoregression([run[:, i] for run in runs]) for i in range(n_y))
+    filters = tuple(_of_own_samples([run[:, i] for run in runs]) for i in range(n_y))
     whites = [np.column_stack([_whitened(run[:, i], filters[i]) for i in range(n_y)]) for run in runs]
     together = np.vstack(whites)
     known = np.isfinite(together)
@@ -92,6 +93,19 @@ def meat(slopes: list[np.ndarray], noise: NoiseModel) -> np.ndarray:
     return total
 
 
+def _of_own_samples(series: list[np.ndarray]) -> np.ndarray:
+    """Return [1, a_1, ...] of an output in steps of the samples of all, of which it may have each k-th only."""
+    rows = [np.flatnonzero(np.isfinite(one)) for one in series]
+    gaps = np.concatenate([np.diff(known) for known in rows])
+    k = int(np.median(gaps)) if gaps.size else 1
+    if k <= 1:
+        return _autoregression(series)
+    own = _autoregression([one[known[0] :: k] for one, known in zip(series, rows, strict=True) if known.size])
+    filter_ = np.zeros(k * (len(own) - 1) + 1)
+    filter_[::k] = own
+    return filter_
+
+
 def _autoregression(series: list[np.ndarray]) -> np.ndarray:
     known = sum(int(np.isfinite(s).sum()) for s in series)
     largest = int(min(10 * np.log10(max(known, 2)), known / 20))
@@ -129,7 +143,7 @@ def _whitened(values: np.ndarray, a: np.ndarray) -> np.ndarray:
         return values
     filled = np.where(np.isfinite(values), values, np.nan)
     out = _filtered(a, [1.0], np.nan_to_num(filled))
-    broken = _filtered(np.ones(len(a)), [1.0], ~np.isfinite(filled)) > 0.5
+    broken = _filtered(a != 0, [1.0], ~np.isfinite(filled)) > 0.5
     broken[: len(a) - 1] = True
     return np.where(broken, np.nan, out)
 

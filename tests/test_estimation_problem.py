@@ -225,6 +225,19 @@ def test_the_noise_model_finds_the_order_of_an_autoregression():
     np.testing.assert_allclose(noise.covariance, [[1.0, 0.5], [0.5, 1.25]], atol=0.04)
 
 
+def test_noise_of_an_output_that_is_measured_at_each_second_sample_follows_from_its_own_samples():
+    generator, x = np.random.default_rng(1), np.full((40000, 2), np.nan)
+    x[:, 0] = generator.standard_normal(len(x))
+    own = np.zeros(len(x) // 2)
+    for k in range(1, len(own)):
+        own[k] = 0.8 * own[k - 1] + generator.standard_normal()
+    x[1::2, 1] = own
+    noise = noise_model([x])
+    assert len(noise.filters[0]) == 1
+    np.testing.assert_allclose(noise.filters[1], [1.0, 0.0, -0.8], atol=0.02)
+    np.testing.assert_allclose(np.diag(noise.covariance), [1.0, 1.0], rtol=0.03)
+
+
 def test_directions_that_the_data_leave_open_are_named():
     names, values = ("cart.m", "motor.k", "rail.d"), np.array([4.0, 0.2, 3.0])
     together = np.array([[4.0], [0.2], [0.0]])

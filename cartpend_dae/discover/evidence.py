@@ -46,7 +46,7 @@ def coloured_bic(fit: Fit) -> float:
     """
     n = fit.n_residuals / len(fit.outputs)
     free = sum(estimate.status != "at-bound" for estimate in (*fit.parameters, *fit.starts))
-    free += sum(len(a) - 1 for a in fit.noise.filters)
+    free += sum(np.count_nonzero(a) - 1 for a in fit.noise.filters)
     innovations = np.clip(np.diag(fit.noise.covariance), 1e-300, None)
     return float(n * np.sum(np.log(innovations)) + free * np.log(fit.n_residuals))
 
