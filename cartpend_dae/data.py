@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 SHOWN = 30
 """Variables of a trajectory that a notebook shows."""
+CLEARLY = 0.5
+"""Share of one estimate of noise below which another one is clearly less; each scatters by 4 to 7 %."""
 FloatArray = NDArray[np.float64]
 
 
@@ -70,12 +72,15 @@ class Experiment:
     piece: float | None = None
 
 
-def noise_sd(values: FloatArray) -> float:
+def noise_sd(values: FloatArray, inputs: Iterable[FloatArray] = ()) -> float:
     """Estimate the white noise of a smooth signal: median of its 6th differences, at least quantum/sqrt(12).
 
     The 6th difference of white noise has the variance C(12, 6) sd^2, and that of a well sampled signal is
     small. NaN are skipped: differences across them count only where there are no seven values in even steps. With
     fewer than seven values there is no difference, and the result is NaN.
+
+    Any other sum of neighbouring samples, and of `inputs` at these, would do: what it leaves is noise at least. A
+    signal that jumps with an input, as a current does with its voltage, is judged by the sum that leaves least.
     """
     rows = np.flatnonzero(np.isfinite(values))
     known = values[rows]
@@ -83,9 +88,27 @@ def noise_sd(values: FloatArray) -> float:
         return math.nan
     steps = np.lib.stride_tricks.sliding_window_view(np.diff(rows), 6)
     is_even = (steps == steps[:, :1]).all(axis=1)
-    differences = np.diff(known, n=6)[is_even if is_even.any() else slice(None)]
-    noise = np.median(np.abs(differences)) / 0.6745 / math.sqrt(math.comb(12, 6))
+    is_even = is_even if is_even.any() else np.ones_like(is_even)
+    noise = np.median(np.abs(np.diff(known, n=6)[is_even])) / 0.6745 / math.sqrt(math.comb(12, 6))
+    beside = _least_left(known, [given[rows] for given in inputs], is_even)
+    # both scatter, and the least of many sums more so: it counts where the difference is none of scatter
+    noise = beside if beside < CLEARLY * noise else noise
     return float(max(noise, quantum(known) / math.sqrt(12)))
+
+
+def _least_left(values: FloatArray, inputs: list[FloatArray], is_even: np.ndarray) -> float:
+    """Return what the sum of seven neighbouring values and of inputs there leaves that leaves least; as noise."""
+    windows = [np.lib.stride_tricks.sliding_window_view(series, 7)[is_even] for series in (values, *inputs)]
+    given = np.column_stack([np.ones(len(windows[0])), *windows[1:]])
+    if not inputs or len(given) < 10 * given.shape[1] or not np.all(np.isfinite(given)):
+        return math.inf
+    basis, size, _ = np.linalg.svd(given, full_matrices=False)
+    basis = basis[:, size > 1e-10 * size[0]]
+    left = windows[0] - basis @ (basis.T @ windows[0])
+    least = left @ np.linalg.svd(left, full_matrices=False)[2][-1]
+    # the smallest singular value of noise alone is so much below the mean one
+    short = 1 - math.sqrt(7 / (len(left) - basis.shape[1]))
+    return float(np.median(np.abs(least)) / 0.6745 / short)
 
 
 def quantum(values: FloatArray) -> float:

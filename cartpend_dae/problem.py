@@ -300,7 +300,11 @@ def _channel_sd(experiments: tuple[Experiment, ...], name: str) -> float:
     known = [sd for sd in stated if sd is not None]
     if known:
         return float(np.sqrt(np.mean(np.square(known))))
-    raw = [noise_sd(e.outputs[name].values) for e in experiments if name in e.outputs]
+    raw = [
+        noise_sd(e.outputs[name].values, [channel.values for channel in e.inputs.values()])
+        for e in experiments
+        if name in e.outputs
+    ]
     spread = max(float(np.nanstd(e.outputs[name].values)) for e in experiments if name in e.outputs)
     # data without any noise (a simulation) still needs a finite weight
     return max(float(np.nanmean(raw)), 1e-6 * spread, 1e-12)

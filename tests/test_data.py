@@ -359,6 +359,29 @@ def test_gaps_do_not_make_noise_of_a_fast_signal():
     assert noise_sd(values) == pytest.approx(1e-3, rel=0.1)
 
 
+@pytest.mark.parametrize("sd", [1e-3, 0.05])
+def test_noise_of_a_signal_that_jumps_with_its_input_is_that_of_the_signal(sd):
+    """The current of a motor follows each step of its voltage at once, which is no noise of the sensor."""
+    generator = np.random.default_rng(3)
+    voltage, speed, estimates = np.repeat(24 * generator.uniform(-1, 1, 200), 2), 0.0, []
+    current = np.zeros(400)
+    for k, u in enumerate(voltage):
+        current[k] = (u - 14 * speed) / 0.7
+        speed += 0.005 * (14 * current[k] / 12 - speed)
+    for seed in range(20):
+        noisy = current + sd * np.random.default_rng(seed).standard_normal(current.size)
+        estimates.append(noise_sd(noisy, [voltage]))
+        assert noise_sd(noisy) > 50 * sd or sd > 0.01
+    # 0.1: the least of all sums is the more uncertain estimate
+    assert np.mean(estimates) == pytest.approx(sd, rel=0.1)
+
+
+def test_an_input_leaves_the_noise_of_a_smooth_signal_as_it_is():
+    time = np.arange(2000) * 0.01
+    values = np.cos(3 * time) + 1e-3 * np.random.default_rng(4).normal(size=time.size)
+    assert noise_sd(values, [np.sin(2 * time)]) == noise_sd(values)
+
+
 @given(
     step=st.sampled_from([1e-6, 2.9e-3, 0.1, math.pi / 180, 7.0]),
     offset=st.floats(-10, 10),

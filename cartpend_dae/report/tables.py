@@ -53,7 +53,8 @@ def run_table(opened: Opened) -> Table:
 def _measured(run: Experiment) -> str:
     lines = []
     for name, channel in run.outputs.items():
-        sd = noise_sd(channel.values) if channel.sd is None else channel.sd
+        inputs = [given.values for given in run.inputs.values()]
+        sd = noise_sd(channel.values, inputs) if channel.sd is None else channel.sd
         known = f" ({quantity(sd, channel.unit)}{', stated' if channel.sd else ''})" if math.isfinite(sd) else ""
         lines.append(name + known)
     return "\n".join(lines)
