@@ -96,6 +96,11 @@ def noise_sd(values: FloatArray, inputs: Iterable[FloatArray] = ()) -> float:
     return float(max(noise, quantum(known) / math.sqrt(12)))
 
 
+def jumps(values: FloatArray, inputs: Iterable[FloatArray]) -> bool:
+    """Return whether what would pass for noise of a signal, as it is none of a smooth one, follows from its inputs."""
+    return noise_sd(values, inputs) < CLEARLY * noise_sd(values)
+
+
 def _least_left(values: FloatArray, inputs: list[FloatArray], is_even: np.ndarray) -> float:
     """Return what the sum of seven neighbouring values and of inputs there leaves that leaves least; as noise."""
     windows = [np.lib.stride_tricks.sliding_window_view(series, 7)[is_even] for series in (values, *inputs)]

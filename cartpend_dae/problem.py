@@ -11,7 +11,7 @@ from cartpend_dae.assemble import assemble
 from cartpend_dae.continuous import without_events
 from cartpend_dae.cuts import cut, run_of
 from cartpend_dae.dae import parameter_vector
-from cartpend_dae.data import Experiment, noise_sd
+from cartpend_dae.data import Experiment, jumps, noise_sd
 from cartpend_dae.errors import ModelError
 from cartpend_dae.language import Component
 from cartpend_dae.programme import programme
@@ -350,10 +350,16 @@ def usual_stride(system: System) -> float:
 
 
 def dominant_frequency(experiments: tuple[Experiment, ...]) -> float:
-    """Return the angular frequency of the strongest line in any measured output [rad/s]."""
+    """Return the angular frequency of the strongest line in any measured output [rad/s].
+
+    One that jumps with an input, as a current does with its voltage, does not tell how fast the rig moves; it counts
+    where there is no other.
+    """
     found = []
     for experiment in experiments:
-        for channel in experiment.outputs.values():
+        inputs = [given.values for given in experiment.inputs.values()]
+        smooth = [channel for channel in experiment.outputs.values() if not jumps(channel.values, inputs)]
+        for channel in smooth or experiment.outputs.values():
             known = np.isfinite(channel.values)
             grid = np.linspace(experiment.time[0], experiment.time[-1], experiment.time.size)
             values = np.interp(grid, experiment.time[known], channel.values[known])
