@@ -58,7 +58,8 @@ def _margin(candidate: Candidate, best: Candidate) -> float:
     """
     assert candidate.fit is not None and best.fit is not None
     share = ALIKE_SHARE if residuals(candidate.fit).is_passed else ALIKE_WHITE
-    return max(ALIKE, share * best.fit.chi2)
+    # so many percent of chi2 are so many percent of the number of residuals in BIC, which has the logarithm of chi2
+    return max(ALIKE, share * best.fit.n_residuals)
 
 
 def _likeliest(bench: Workbench, tied: list[Candidate], base: Base, rules: Rules) -> Candidate:
@@ -93,6 +94,13 @@ def _is_shapeless(candidate: Candidate, judged: list[Candidate], base: Base) -> 
     if candidate.fit.chi2 - noise > most * (least - noise):
         return False
     return candidate.fit.chi2 - least < SHAPE * (base.fit.chi2 - least)
+
+
+def is_tied(candidate: Candidate, first: Candidate) -> bool:
+    """Return whether a candidate was good enough, and explains the data as one does that was put before it."""
+    if candidate.fit is None or candidate.why_not != second(candidate, first):
+        return False
+    return abs(first.gain - candidate.gain) < _margin(candidate, first)
 
 
 def second(candidate: Candidate, first: Candidate) -> str:
