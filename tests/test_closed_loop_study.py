@@ -32,7 +32,7 @@ def maker():
 def test_a_run_is_what_the_script_makes(maker):
     """Feedback over counts forgets nothing: one count that falls otherwise moves all after it by some."""
     written = np.genfromtxt(STUDIES / "closed_loop_rig_swing_up_2.csv", delimiter=",", skip_header=1)
-    made = maker.make_run(maker.RUNS["swing_up_2"])
+    made = maker.make_run(maker.RUNS["swing_up_2"], list(maker.RUNS).index("swing_up_2"))
     assert made.shape == written.shape
     np.testing.assert_allclose(made[:100], written[:100], atol=6e-5, rtol=0)
 
