@@ -60,16 +60,14 @@ def search(
     gate = residuals(base.fit)
     if not gate.is_passed and regime not in MOVED:
         return Search("noise", 0.0, base.fit, gate, base.fit, gate, (), (), "no-discrepancy", False)
-    if regime is None and any(run.score == "innovation" for run in bench.setup.train):
-        regime = "disturbances"  # one sample ahead the injection forgives what noise alone would not
+    if regime is None and any(run.score != "free" for run in bench.setup.train):
+        regime = "disturbances"  # who scores predictions knows that a free simulation drifts
     log = _Log()
     rules, start, bare = noise, base, base
     library = (cards, places)
     try:
         if regime not in MOVED:
             base = _grow(bench, start, rules, library, max_steps, log)
-        if regime is None and bench.last > 0 and residuals(base.fit).is_passed:
-            regime = "disturbances"  # who scores predictions knows that something moves the rig which no effect is
         if regime == "disturbances":
             rules, start = _disturbed(bench, noise, start, log, library)
             log.steps, log.base = [], None

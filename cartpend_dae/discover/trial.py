@@ -227,7 +227,8 @@ def _nearer(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) ->
     """Fit a candidate with the least injection, roughly."""
     together = (*base.taken, candidate.insertion)
     assert candidate.fit is not None
-    least = min((w for w in rules.stages if w > bench.last), default=bench.last)
+    # a free simulation may drift off at first; predictions do not
+    least = bench.last or min(w for w in rules.stages if w > 0)
     fit = bench.fit(together, candidate.fit.point, (least,), rules.sd, patient=False, iterations=LATER, stride=ROUGH)
     if not np.isfinite(fit.chi2):
         raise SolverError("its simulation diverges")
