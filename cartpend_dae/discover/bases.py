@@ -23,11 +23,11 @@ STAGES = (5.0, 2.0, 0.7)
 Library = tuple[tuple[Card, ...], tuple[Place, ...]]
 
 
-def noise_rules(bench: Workbench, places: tuple[Place, ...]) -> Rules:
-    """Return how to fit and decide where noise is all that is left."""
-    frequency = max(bench.frequency, bench.last)
+def noise_rules(bench: Workbench, places: tuple[Place, ...], last: float) -> Rules:
+    """Return how to fit and decide where noise is all that is left, at the `last` bandwidth [rad/s]."""
+    frequency = max(bench.frequency, last)
     before = tuple(share * frequency for share in STAGES)
-    stages = (*(w for w in before if w > bench.last), bench.last)
+    stages = (*(w for w in before if w > last), last)
     return Rules("noise", stages, stages[min(1, len(stages) - 1)], bench.problem(()).prior_sd, loads_at(places))
 
 

@@ -54,14 +54,14 @@ def search(
     regime
         Forced regime; None finds out.
     """
-    noise = noise_rules(bench, places)
+    predicts = regime is None and any(run.score != "free" for run in bench.setup.train)
+    regime = "disturbances" if predicts else regime  # who scores predictions knows that a free simulation drifts
+    noise = noise_rules(bench, places, bench.last if regime == "noise" else 0.0)
     base = fit_base(bench, (), {}, noise)
     base = replace(base, bare=base.fit.chi2)
     gate = residuals(base.fit)
-    if not gate.is_passed and regime not in MOVED:
+    if not gate.is_passed and (predicts or regime not in MOVED):
         return Search("noise", 0.0, base.fit, gate, base.fit, gate, (), (), "no-discrepancy", False)
-    if regime is None and any(run.score != "free" for run in bench.setup.train):
-        regime = "disturbances"  # who scores predictions knows that a free simulation drifts
     log = _Log()
     rules, start, bare = noise, base, base
     library = (cards, places)

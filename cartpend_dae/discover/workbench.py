@@ -190,7 +190,7 @@ class Workbench:
         most = self.setup.max_iterations or ITERATIONS if iterations is None else iterations
         fit: Fit | None = None
         for bandwidth in bandwidths:
-            is_fine = bandwidth <= self.last and stride is None and self._needs_fine_steps(insertions)
+            is_fine = bandwidth in (0.0, self.last) and stride is None and self._needs_fine_steps(insertions)
             options = (bandwidth, point, sd, patient, most, "fine" if is_fine else stride)
             depends = _key(insertions), scales, options
             fit = self.store.recall("fit", depends, lambda o=options: self._fit(insertions, *o))
