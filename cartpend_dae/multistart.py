@@ -8,8 +8,8 @@ import numpy as np
 from cartpend_dae.discover.evidence import with_robust_sd
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.records import Setup
+from cartpend_dae.discover.refit import STAGES
 from cartpend_dae.discover.regime import best_bandwidth
-from cartpend_dae.discover.search import STAGES
 from cartpend_dae.discover.workbench import Report, Workbench
 from cartpend_dae.errors import SolverError
 from cartpend_dae.exact_form import finished

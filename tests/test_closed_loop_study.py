@@ -37,18 +37,21 @@ def test_a_run_is_what_the_script_makes(maker):
     np.testing.assert_allclose(made[:100], written[:100], atol=6e-5, rtol=0)
 
 
-def test_a_rotor_and_dry_friction_are_what_the_model_lacks(maker):
+def test_a_rotor_a_chain_and_dry_friction_are_what_the_model_lacks(maker):
     opened = open_study(STUDIES / "closed_loop_rig.toml")
     bench, model = Workbench(opened.setup), opened.model
     sd = bench.problem(()).prior_sd
-    inertia, friction = (insertion_at(model, effect, "rail") for effect in ("added_inertia", "coulomb_friction"))
+    names = (("added_inertia", "rail"), ("compliance", "wheels.flange_b"), ("coulomb_friction", "rail"))
+    effects = [insertion_at(model, effect, at) for effect, at in names]
     point = {"rail.added_inertia.m": 0.5, "rail.coulomb_friction.f_c": 4.0}
     cost = []
-    for effects in ((), (inertia,), (inertia, friction)):
-        fit = bench.fit(effects, point, (10.0,), sd, patient=False, iterations=10, stride=ROUGH)
-        cost.append(fit.chi2)
+    for n in range(4):
+        fit = bench.fit(tuple(effects[:n]), point, (bench.last,), sd, patient=False, iterations=10, stride=ROUGH)
+        cost.append(fit.chi2 / fit.n_residuals)
         point |= fit.point
-    assert cost[1] < 0.2 * cost[0] and cost[2] < 0.5 * cost[1]
+    assert cost[1] < 0.4 * cost[0] and cost[2] < 0.6 * cost[1] and cost[3] < 0.6 * cost[2]
+    # the peak of the friction at rest is all that the three do not have
+    assert cost[3] < 1.5
     # what the rotor lacks, seen at the chain
     lacking = (maker.J_BRAKE - 1.0e-4) * (0.0252 / (0.0164 * 0.0181)) ** 2
-    assert point["rail.added_inertia.m"] == pytest.approx(lacking, rel=0.05)
+    assert point["rail.added_inertia.m"] == pytest.approx(lacking, rel=0.02)

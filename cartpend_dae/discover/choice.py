@@ -11,6 +11,7 @@ from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.records import Candidate, Gate, Step
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.workbench import Workbench
+from cartpend_dae.effects import catalogue
 from cartpend_dae.errors import SolverError
 
 # models whose criterion differs by less than this, or this share of chi2, explain the data alike: the smaller is taken
@@ -36,6 +37,13 @@ def ordered_by_bic(bench: Workbench, judged: list[Candidate], base: Base, rules:
     good = [c for c in judged if not c.why_not]
     if not good:
         return judged
+    at_once = [c for c in good if _does_several_at_once(c)]
+    at_once = at_once if len(at_once) < len(good) else []
+    judged = [
+        replace(c, why_not="simpler ones come first: it does several things at once") if c in at_once else c
+        for c in judged
+    ]
+    good = [c for c in good if c not in at_once]
     best = good[0]
     assert best.fit is not None
     alike = [c for c in good if best.gain - c.gain < _margin(c, best) or _is_shapeless(c, judged, base)]
@@ -43,6 +51,17 @@ def ordered_by_bic(bench: Workbench, judged: list[Candidate], base: Base, rules:
     first = _likeliest(bench, _plainest([c for c in alike if determined(c.fit) == fewest]), base, rules)
     others = [replace(c, why_not=c.why_not or second(c, first)) for c in judged if c is not first]
     return [first, *others]
+
+
+def _does_several_at_once(candidate: Candidate) -> bool:
+    """Return whether an effect between two parts contains another one of the catalogue, and yet leaves more than noise.
+
+    It would soak up a part of what is missing elsewhere, as friction that lies where a chain gives way.
+    """
+    card = candidate.insertion.card
+    if card.insertion != "series" or candidate.fit is None or not residuals(candidate.fit).is_passed:
+        return False
+    return any(card.id in other.nested_in for other in catalogue())
 
 
 def _plainest(tied: list[Candidate]) -> list[Candidate]:
@@ -98,6 +117,13 @@ def _is_shapeless(candidate: Candidate, judged: list[Candidate], base: Base) -> 
     if candidate.fit.chi2 - noise > most * (least - noise):
         return False
     return candidate.fit.chi2 - least < SHAPE * (base.fit.chi2 - least)
+
+
+def is_tied(candidate: Candidate, first: Candidate) -> bool:
+    """Return whether a candidate was good enough, and explains the data as one does that was put before it."""
+    if candidate.fit is None or candidate.why_not != second(candidate, first):
+        return False
+    return abs(first.gain - candidate.gain) < _margin(candidate, first)
 
 
 def second(candidate: Candidate, first: Candidate) -> str:

@@ -8,6 +8,8 @@ from cartpend_dae.identify import Fit
 from cartpend_dae.shooting import Linearisation
 
 BLOCKS = 30
+# blocks of all runs together where what is left is compared
+LONG = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +51,23 @@ def coloured_bic(fit: Fit) -> float:
     free += sum(np.count_nonzero(a) - 1 for a in fit.noise.filters)
     innovations = np.clip(np.diag(fit.noise.covariance), 1e-300, None)
     return float(n * np.sum(np.log(innovations)) + free * np.log(fit.n_residuals))
+
+
+def lead(one: Fit, other: Fit) -> float:
+    """Return by how many standard deviations one fit leaves less than another of the same runs, at the same bandwidth.
+
+    What both leave is compared block by block; blocks are so long that they know little of each other.
+    """
+    left = [
+        [
+            float(np.nansum((part / fit.weights_sd) ** 2))
+            for run in fit.runs
+            for part in np.array_split(run.residual, max(2, LONG // len(fit.runs)))
+        ]
+        for fit in (one, other)
+    ]
+    less = np.array(left[1]) - np.array(left[0])
+    return float(less.mean() / max(less.std(ddof=1) / np.sqrt(less.size), 1e-300))
 
 
 def robust(fit: Fit, linear: Linearisation) -> Robust:

@@ -11,7 +11,7 @@ from cartpend_dae.discover.records import Regime, Search, Setup
 from cartpend_dae.discover.search import search
 from cartpend_dae.discover.split import Split, splits
 from cartpend_dae.discover.store import Store
-from cartpend_dae.discover.workbench import Workbench, assembled, fine_step, renamed, set_values
+from cartpend_dae.discover.workbench import Workbench, assembled, fine_step, last_bandwidth, renamed, set_values
 from cartpend_dae.effects import Card, Insertion, Place, catalogue, insert_all, places
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.everyday import quantity
@@ -194,5 +194,5 @@ def _assess(setup: Setup, insertions: tuple[Insertion, ...], fit: Fit, bandwidth
     for insertion in insertions:
         measured |= {new: old for old, new in (insertion.measured | insertion.driven).items()}
     is_rough = bool(system.frictions.places or shortest_times(system))
-    step = fine_step(setup) if is_rough and bandwidth == 0.0 else setup.step
+    step = fine_step(setup) if is_rough and bandwidth == last_bandwidth(setup.train) else setup.step
     return assess(system, fit, runs, setup.scores, bandwidth=bandwidth, step=step, measured=measured)

@@ -1,14 +1,14 @@
 """Stage 4: add what the data ask for, one effect after the other, and take back what they no longer need."""
 
 import contextlib
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cartpend_dae.discover.bases import Library, base_of, fit_base, noise_rules, place_with_a_future
 from cartpend_dae.discover.choice import NEAR, SHAPE, are_parallel, step_of
 from cartpend_dae.discover.disturbed import ALIKE, fitted, margin_of, penalty
-from cartpend_dae.discover.evidence import bic, with_robust_sd
+from cartpend_dae.discover.evidence import bic, lead, with_robust_sd
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.mirror import mirrored
 from cartpend_dae.discover.predicted import MIN_SHARE, explained
@@ -17,7 +17,7 @@ from cartpend_dae.discover.regime import best_bandwidth, sampling_rate
 from cartpend_dae.discover.screen import candidates, is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import MIN_BIC_GAIN, is_nearly_all, try_all
-from cartpend_dae.discover.weigh import loads_at, weigh
+from cartpend_dae.discover.weigh import weigh
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place
 from cartpend_dae.errors import SolverError
@@ -27,11 +27,10 @@ from cartpend_dae.identify import Fit
 MOVED = ("disturbances", "forces")
 # so many effects together stand for the whole catalogue where the bandwidth of predictions is sought
 RICH = 4
+# standard deviations, from block to block, by which one model must explain the runs better to stand against another
+CLEARLY = 3.0
 # share of the random forces of the model before that is not small
 MUCH = 0.5
-# stages of decreasing output injection, in units of the dominant frequency
-STAGES = (5.0, 2.0, 0.7, 0.0)
-_Library = tuple[tuple[Card, ...], tuple[Place, ...]]
 
 
 def search(
@@ -55,14 +54,14 @@ def search(
     regime
         Forced regime; None finds out.
     """
-    noise = _noise_rules(bench, places)
-    base = _fit_base(bench, (), {}, noise)
+    predicts = regime is None and any(run.score != "free" for run in bench.setup.train)
+    regime = "disturbances" if predicts else regime  # who scores predictions knows that a free simulation drifts
+    noise = noise_rules(bench, places, bench.last if regime == "noise" else 0.0)
+    base = fit_base(bench, (), {}, noise)
     base = replace(base, bare=base.fit.chi2)
     gate = residuals(base.fit)
-    if not gate.is_passed and regime not in MOVED:
+    if not gate.is_passed and (predicts or regime not in MOVED):
         return Search("noise", 0.0, base.fit, gate, base.fit, gate, (), (), "no-discrepancy", False)
-    if regime is None and any(run.score != "free" for run in bench.setup.train):
-        regime = "disturbances"  # who scores predictions knows that a free simulation drifts
     log = _Log()
     rules, start, bare = noise, base, base
     library = (cards, places)
@@ -107,12 +106,13 @@ class _Log:
 
 
 def _against_forces(
-    bench: Workbench, noise: Rules, without: tuple[Base, Base], library: _Library, max_steps: int, log: _Log
+    bench: Workbench, noise: Rules, without: tuple[Base, Base], library: Library, max_steps: int, log: _Log
 ) -> tuple[Rules, Base, Base]:
     """Search against random forces; return the rules, and the models before and after.
 
     What noise alone had found stands if both agree on it; if forces find nothing, as the injection that suits them
-    hides what is wrong at a sensor; and if the model cannot be weighed so, or the search is interrupted before.
+    hides what is wrong at a sensor, or what leaves clearly more of the runs; and if the model cannot be weighed so,
+    or the search is interrupted before.
     """
     found, stood = log.steps, log.base
     old = (replace(noise, regime="disturbances"), *without)
@@ -137,10 +137,27 @@ def _against_forces(
             return rules, start, log.base
         log.steps, log.base = found, stood
         return old
-    if found and not log.steps:
+    if found and (not log.steps or _explains_less(bench, base, found[0].candidate, noise)):
         log.steps, log.base = found, stood
         return old
     return rules, start, base
+
+
+def _explains_less(bench: Workbench, base: Base, first: Candidate, noise: Rules) -> bool:
+    """Return whether what was found against forces leaves clearly more of the runs than another effect does alone.
+
+    Forces that may do everything prefer what is as fast as they are, and leave what is large and slow to themselves.
+    """
+    assert first.fit is not None
+    try:
+        alone = bench.fit((first.insertion,), first.fit.point, (bench.last,), noise.sd, patient=False)
+    except SolverError:
+        return False
+    try:
+        found = bench.fit(base.taken, base.fit.point, (bench.last,), noise.sd, patient=False)
+    except SolverError:
+        return True
+    return lead(alone, found) > CLEARLY
 
 
 def _compared(bench: Workbench, bare: Base, start: Base, base: Base, rules: Rules) -> tuple[Base, Base]:
@@ -150,14 +167,14 @@ def _compared(bench: Workbench, bare: Base, start: Base, base: Base, rules: Rule
     """
     if base.taken:
         with contextlib.suppress(SolverError):
-            free = bench.fit(base.taken, base.fit.point, (0.0,), rules.sd, patient=False)
+            free = bench.fit(base.taken, base.fit.point, (bench.last,), rules.sd, patient=False)
             if free.chi2 < bare.fit.chi2:
-                return bare, replace(base, fits={**base.fits, 0.0: free})
+                return bare, replace(base, fits={**base.fits, bench.last: free})
     bandwidth = float(base.fit.bandwidth[0])
     return Base((), {bandwidth: bench.fit((), start.fit.point, (bandwidth,), rules.sd)}), base
 
 
-def _disturbed(bench: Workbench, noise: Rules, base: Base, log: _Log, library: _Library) -> tuple[Rules, Base]:
+def _disturbed(bench: Workbench, noise: Rules, base: Base, log: _Log, library: Library) -> tuple[Rules, Base]:
     """Weigh by predictions, with the bandwidth with which the most promising effects together predict best.
 
     Weights are the innovations of the baseline, so that costs are of order one.
@@ -171,7 +188,7 @@ def _disturbed(bench: Workbench, noise: Rules, base: Base, log: _Log, library: _
     bandwidth = best_bandwidth(bench, rich, early, noise.sd)
     fit = bench.fit((), {}, (bandwidth,), noise.sd)
     rules = Rules("disturbances", (bandwidth,), bandwidth, fit.noise_sd, noise.loads)
-    return rules, replace(_fit_base(bench, (), fit.point, rules), bare=base.bare)
+    return rules, replace(fit_base(bench, (), fit.point, rules), bare=base.bare)
 
 
 def _distinct(ranked: list[Candidate]) -> list[Candidate]:
@@ -204,7 +221,7 @@ def _grow(
     bench: Workbench,
     base: Base,
     rules: Rules,
-    library: _Library,
+    library: Library,
     max_steps: int,
     log: _Log,
     first_round: list[Candidate] | None = None,
@@ -233,7 +250,7 @@ def _grow(
 
 
 def _grown(
-    bench: Workbench, base: Base, rules: Rules, library: _Library, log: _Log, first_round: list[Candidate] | None
+    bench: Workbench, base: Base, rules: Rules, library: Library, log: _Log, first_round: list[Candidate] | None
 ) -> Base | None:
     """Return the model with one more effect, and log it; None if there is none to add."""
     options = candidates(*library, base.taken)
@@ -245,8 +262,9 @@ def _grown(
     log.tried |= {candidate.insertion.prefix: candidate for candidate in ranked}
     if not ranked or ranked[0].why_not:
         return None
+    ranked = place_with_a_future(bench, base, ranked, rules, library)
     winner = ranked[0]
-    base = _base_of(bench, base, base.taken, winner, rules)
+    base = base_of(bench, base, base.taken, winner, rules)
     steps = [*log.steps, step_of(winner, residuals(base.fit), ranked)]
     base, steps = _prune(bench, base, steps, rules, len(options))
     base, steps = _swap(bench, base, steps, rules, library)
@@ -306,46 +324,11 @@ def _verdict(has_steps: bool, is_left: bool) -> Verdict:
     return "improved" if is_left else "explained"
 
 
-def _noise_rules(bench: Workbench, places: tuple[Place, ...]) -> Rules:
-    frequency = bench.frequency
-    stages = tuple(share * frequency for share in STAGES)
-    return Rules("noise", stages, stages[1], bench.problem(()).prior_sd, loads_at(places))
-
-
-def _fit_base(bench: Workbench, taken: tuple[Insertion, ...], guess: Mapping[str, float], rules: Rules) -> Base:
-    if rules.regime == "forces":
-        fit, weighed = fitted(bench, taken, rules.loads, guess, rules.screening, rules.sd)
-        return Base(taken, {float(fit.bandwidth[0]): fit}, 0.0, weighed)
-    fits: dict[float, Fit] = {}
-    point = dict(guess)
-    for bandwidth in rules.stages:
-        fits[bandwidth] = bench.fit(taken, point, (bandwidth,), rules.sd, patient=not taken)
-        point = fits[bandwidth].point
-    return Base(taken, fits)
-
-
-def _base_of(bench: Workbench, before: Base, taken: tuple[Insertion, ...], winner: Candidate, rules: Rules) -> Base:
-    assert winner.fit is not None
-    together = (*taken, winner.insertion)
-    if rules.regime == "disturbances":
-        return Base(together, {rules.screening: winner.fit}, before.bare)
-    if rules.regime == "forces":
-        bandwidth, point = float(winner.fit.bandwidth[0]), winner.fit.point
-        weighed = weigh(bench, together, rules.loads, point, bandwidth, rules.sd)
-        return Base(together, {bandwidth: winner.fit}, before.bare, weighed)
-    stages = [w for w in rules.stages if 0 < w <= rules.screening]
-    fits: dict[float, Fit] = {}
-    for w in stages:
-        with contextlib.suppress(SolverError):  # it is the stage that diverges: one with less injection serves
-            fits[w] = bench.fit(together, winner.fit.point, (w,), rules.sd, patient=False)
-    return Base(together, {**fits, 0.0: winner.fit}, before.bare)
-
-
 def _prune(bench: Workbench, base: Base, steps: list[Step], rules: Rules, n_options: int) -> tuple[Base, list[Step]]:
     """Take back each earlier addition that the model with the last one does without."""
     for step in list(steps[:-1]):
         fewer = tuple(i for i in base.taken if i.prefix != step.candidate.insertion.prefix)
-        trial = replace(_fit_base(bench, fewer, _early(base, rules), rules), bare=base.bare)
+        trial = replace(fit_base(bench, fewer, _early(base, rules), rules), bare=base.bare)
         if rules.regime == "disturbances":
             share, _ = explained(bench, (fewer, trial.fit), (base.taken, base.fit), rules.sd)
             is_needed = share > MIN_SHARE
@@ -358,7 +341,7 @@ def _prune(bench: Workbench, base: Base, steps: list[Step], rules: Rules, n_opti
     return base, steps
 
 
-def _swap(bench: Workbench, base: Base, steps: list[Step], rules: Rules, library: _Library) -> tuple[Base, list[Step]]:
+def _swap(bench: Workbench, base: Base, steps: list[Step], rules: Rules, library: Library) -> tuple[Base, list[Step]]:
     """Put another effect in the place of each earlier one if, with the last one in, it explains more.
 
     The first effect chosen soaks up a part of those still missing, and may be the wrong one of two alike.
@@ -368,12 +351,12 @@ def _swap(bench: Workbench, base: Base, steps: list[Step], rules: Rules, library
         here = tuple(place for place in places if place.at == old.candidate.insertion.place.at)
         others = [s for s in steps if s is not old]
         fewer = tuple(s.candidate.insertion for s in others)
-        without = replace(_fit_base(bench, fewer, _early(base, rules), rules), bare=base.bare)
+        without = replace(fit_base(bench, fewer, _early(base, rules), rules), bare=base.bare)
         ranked = try_all(bench, without, rules, candidates(cards, here, fewer))
         best = ranked[0] if ranked else None
         if best is None or best.why_not or best.fit is None or best.insertion.prefix == old.candidate.insertion.prefix:
             continue
-        other = _base_of(bench, base, fewer, best, rules)
+        other = base_of(bench, base, fewer, best, rules)
         if _criterion(base, rules) - _criterion(other, rules) <= (ALIKE if rules.regime == "forces" else NEAR):
             continue
         base = other

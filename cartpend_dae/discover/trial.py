@@ -26,7 +26,8 @@ WIDE, MIDDLE, NARROW, EARLY, LATER = 10, 8, 4, 6, 10
 FEW, HALF = 5, 0.5
 # where no effect explains this share of chi2, the injection hides what is missing
 HIDDEN = 0.1
-# effects of one parameter are fitted as well where their prediction is behind by less than this share
+# as many others are fitted as well where their prediction is behind by less than this share, be it that of the same
+# effect elsewhere: it is made with their shapes as they are at first
 CLOSE = 0.5
 # predictions below this share of the best one are not fitted
 FAINT = 0.03
@@ -55,7 +56,7 @@ def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
     if not base.taken and not any(_shows(c, base.fits[stage]) for c in possible):
         return [replace(c, why_not=_promises_little(c, base.fits[stage])) for c in possible] + rest
     wide = [c for c in possible[:WIDE] if c.predicted > FAINT * possible[0].predicted]
-    wide += [c for c in possible[WIDE:] if _is_simple(c) and c.predicted > (1 - CLOSE) * possible[0].predicted][:NARROW]
+    wide += _as_well(wide, possible[WIDE:])
     rest += [replace(c, why_not="others promise more") for c in possible if c not in wide]
     for candidate in wide:
         bench.expect(candidate.parameters)
@@ -67,6 +68,18 @@ def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
     judged = _judged(bench, base, rules, few)
     complete = [c for c in judged if c.fit is not None]
     return ordered_by_bic(bench, complete, base, rules) + [c for c in judged if c.fit is None] + rest
+
+
+def _as_well(first: list[Candidate], others: list[Candidate]) -> list[Candidate]:
+    """Return those whose prediction is near that of the best, or near that of the same effect at its best place."""
+    if not first:
+        return []
+    best: dict[str, float] = {}
+    for candidate in first:
+        best.setdefault(candidate.insertion.card.id, candidate.predicted)
+    most = first[0].predicted
+    near = [c for c in others if c.predicted > (1 - CLOSE) * min(best.get(c.insertion.card.id, most), most)]
+    return near[:WIDE]
 
 
 def _unlike(ranked: list[Candidate]) -> list[Candidate]:
@@ -178,7 +191,7 @@ def _enough(bench: Workbench, base: Base, rules: Rules, new: list[Candidate]) ->
         return None
     together = (*base.taken, best.insertion)
     try:
-        last = bench.fit(together, best.fit.point, (rules.screening, 0.0), rules.sd, patient=False)
+        last = bench.fit(together, best.fit.point, (rules.screening, bench.last), rules.sd, patient=False)
     except SolverError:  # without injection it diverges
         return None
     is_all = residuals(last).largest < CLEAN and last.chi2 < NOISE_ALONE * last.n_residuals
@@ -232,7 +245,8 @@ def _nearer(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) ->
     """Fit a candidate with the least injection, roughly."""
     together = (*base.taken, candidate.insertion)
     assert candidate.fit is not None
-    least = min(w for w in rules.stages if w > 0)
+    # a free simulation may drift off at first; predictions do not
+    least = bench.last or min(w for w in rules.stages if w > 0)
     fit = bench.fit(together, candidate.fit.point, (least,), rules.sd, patient=False, iterations=LATER, stride=ROUGH)
     if not np.isfinite(fit.chi2):
         raise SolverError("its simulation diverges")
@@ -250,7 +264,7 @@ def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> 
     """Fit a candidate to the end and say whether it is worth its parameters."""
     together = (*base.taken, candidate.insertion)
     assert candidate.fit is not None
-    fit = bench.fit(together, candidate.fit.point, (0.0,), rules.sd, patient=False)
+    fit = bench.fit(together, candidate.fit.point, (bench.last,), rules.sd, patient=False)
     parameters = {name: fit.values[name] for name in candidate.insertion.parameter_names}
     gain, t = bic(base.fit) - bic(fit), _white_t(fit, candidate.insertion)
     coloured = coloured_bic(base.fit) - coloured_bic(fit)

@@ -30,6 +30,8 @@ ROUGH = 0.25
 # steps for each sample where laws of dry friction are told apart: with fewer the error of integration looks like law
 # (a Stribeck curve on steps of 5 ms: chi^2 of 9,200 for 3,000 residuals, of 3,000 on steps eight times as fine)
 FINEST = 16
+# an observer of bandwidth w has forgotten 95 % after so many times 1/w: s^2 + 1.4 w s + w^2 decays as exp(-0.7 w t)
+FORGETS = 4.3
 # a largest product of step and eigenvalue, the steps of a problem as it is made (None), or `FINEST` steps a sample
 Stride = float | Literal["fine"] | None
 
@@ -174,7 +176,7 @@ class Workbench:
     ) -> Fit:
         """Fit along decreasing output injection, each stage from the last; `patient` as of `estimate`.
 
-        What is fitted to the free simulation is fitted on fine steps, where friction or a memory needs them.
+        What decides, at the `last` bandwidth, is fitted on fine steps, where friction or a memory needs them.
         """
         scales = self.scales_of(insertions, stride)
         label = " + ".join(insertion.prefix for insertion in insertions) or "baseline"
@@ -182,7 +184,7 @@ class Workbench:
         most = self.setup.max_iterations or ITERATIONS if iterations is None else iterations
         fit: Fit | None = None
         for bandwidth in bandwidths:
-            is_fine = bandwidth == 0.0 and stride is None and self._needs_fine_steps(insertions)
+            is_fine = bandwidth in (0.0, self.last) and stride is None and self._needs_fine_steps(insertions)
             options = (bandwidth, point, sd, patient, most, "fine" if is_fine else stride)
             depends = _key(insertions), scales, options
             fit = self.store.recall("fit", depends, lambda o=options: self._fit(insertions, *o))
@@ -234,9 +236,19 @@ class Workbench:
         return linearised(self.problem(insertions, stride), fit.point, bandwidth, sd)
 
     @property
+    def last(self) -> float:
+        """Bandwidth at which models are compared where noise is all that is left: 0 is the free simulation [rad/s]."""
+        return last_bandwidth(self.setup.train)
+
+    @property
     def frequency(self) -> float:
         """Dominant angular frequency of the measured motion [rad/s]."""
         return dominant_frequency(self.setup.train)
+
+
+def last_bandwidth(experiments: tuple[Experiment, ...]) -> float:
+    """Return 0 where free simulations are scored [rad/s]; an observer of predictions forgets within their horizon."""
+    return max((FORGETS / run.horizon for run in experiments if run.horizon is not None), default=0.0)
 
 
 def fine_step(setup: Setup) -> float:

@@ -1,0 +1,50 @@
+"""What makes one model better than another: in which units, and how surely."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cartpend_dae.discover import choice
+from cartpend_dae.discover.evidence import lead
+from cartpend_dae.discover.workbench import last_bandwidth
+
+
+def fit_of(*residuals, sd=1.0):
+    runs = tuple(SimpleNamespace(residual=np.asarray(one, dtype=float).reshape(-1, 1)) for one in residuals)
+    return SimpleNamespace(runs=runs, weights_sd=np.array([sd]))
+
+
+def test_a_fit_that_is_better_in_all_blocks_leads_and_one_that_is_better_in_a_single_one_does_not():
+    noise = np.random.default_rng(0).standard_normal(1000)
+    bump = np.zeros(1000)
+    bump[100:150] = 30.0
+    assert lead(fit_of(noise), fit_of(3 * noise)) > 10
+    assert lead(fit_of(noise), fit_of(noise + bump)) < 2
+    assert lead(fit_of(3 * noise), fit_of(noise)) < -10
+
+
+def test_the_lead_does_not_depend_on_units_nor_on_values_that_are_missing():
+    noise = np.random.default_rng(1).standard_normal(1000)
+    some = np.where(np.arange(1000) % 7, noise, np.nan)
+    before = lead(fit_of(some, noise), fit_of(2 * some, 3 * noise))
+    after = lead(fit_of(1e-3 * some, 1e-3 * noise, sd=1e-3), fit_of(2e-3 * some, 3e-3 * noise, sd=1e-3))
+    assert after == pytest.approx(before, rel=1e-9) and np.isfinite(before)
+
+
+def test_percent_of_chi2_are_percent_of_the_residuals_in_bic_however_large_chi2_is(monkeypatch):
+    """BIC has n ln chi2: a model that leaves 5 % less gains 5 % of n, also where chi2 is a thousand times n."""
+    monkeypatch.setattr(choice, "residuals", lambda fit: SimpleNamespace(is_passed=True))
+    found = [
+        choice._margin(candidate, candidate)
+        for chi2 in (1e3, 1e6)
+        for candidate in [SimpleNamespace(fit=SimpleNamespace(chi2=chi2, n_residuals=2000))]
+    ]
+    assert found == [choice.ALIKE_SHARE * 2000] * 2
+
+
+def test_predictions_are_compared_where_an_observer_forgets_within_their_horizon():
+    free, ahead = SimpleNamespace(horizon=None), SimpleNamespace(horizon=0.5)
+    assert last_bandwidth((free,)) == 0.0
+    # damped by 0.7, an error falls as exp(-0.7 w t): to 5 % within the horizon
+    assert np.exp(-0.7 * last_bandwidth((free, ahead)) * 0.5) == pytest.approx(0.05, rel=0.02)
