@@ -303,7 +303,8 @@ def _fixed_steps(begin: Begin, driven: DrivenInputs, grid: np.ndarray, step: flo
     widths = np.diff(times)
     left = input_values(inputs, times[:-1], inputs.left)
     right = input_values(inputs, times[1:], inputs.left + inputs.slope * widths)
-    run = runge_kutta(system).function.mapaccum("run", widths.size, ["x"], ["x_next"])
+    stepper = runge_kutta(system)
+    run = stepper.function.mapaccum("run", widths.size, ["x"], ["x_next"])
     start = np.concatenate([begin.x, begin.z])
     result = run(t=times[:-1], h=widths, x=start, u_a=left, u_b=right, p=np.tile(p[:, None], widths.size))
     x = np.column_stack([start, np.asarray(result["x_next"])])
@@ -312,5 +313,8 @@ def _fixed_steps(begin: Begin, driven: DrivenInputs, grid: np.ndarray, step: flo
         raise SolverError(
             f"{system.name}: rk4 with step {step:g} s is unstable: not finite from {first:g} s on; use a smaller step."
         )
+    if begin.z.size:
+        now, wide = np.column_stack([left, right[:, -1:]]), np.append(widths, widths[-1])
+        x[begin.x.size :] = stepper.algebraic.map(times.size)(times, wide, x, now, np.tile(p[:, None], times.size))
     x, z = np.vsplit(x[:, where], [begin.x.size])
     return Run(x, z, None)

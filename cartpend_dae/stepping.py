@@ -30,11 +30,13 @@ class Step:
     ``function(t, h, x, u_a, u_b, p) -> x_next``: inputs run linearly from `u_a` to `u_b`. It is made of equal parts,
     ``part(k, t, h, x, u_a, u_b, p) -> x`` after part k, for those who go through them in a loop.
     ``measure(t, h, x, u, p) -> y``: all variables of the system, with the friction forces at the start of a step h.
+    ``algebraic(t, h, x, u, p) -> z``: the algebraic variables among them; those of a state are of some moment before.
     """
 
     function: ca.Function
     part: ca.Function
     measure: ca.Function
+    algebraic: ca.Function
     substeps: int
 
 
@@ -59,7 +61,7 @@ def runge_kutta(system: System, *, substeps: int = 1) -> Step:
         after = part(k, t, h, after, u_a, u_b, p)
     names = ["t", "h", "x", "u_a", "u_b", "p"]
     function = ca.Function("step", [t, h, state, u_a, u_b, p], [after], names, ["x_next"], {"cse": True})
-    return Step(function, part, _measure_function(system, substeps), substeps)
+    return Step(function, part, *_measure_functions(system, substeps), substeps)
 
 
 def _part_function(system: System, substeps: int) -> ca.Function:
@@ -74,6 +76,8 @@ def _part_function(system: System, substeps: int) -> ca.Function:
     p_step = _followed(system, p, dt)
     t_k = t + k * dt
     u_0, u_1, u_2 = (u_a + (k + share) / substeps * (u_b - u_a) for share in (0.0, 0.5, 1.0))
+    if not ca.depends_on(system.alg, system.frictions.force):  # what holds a friction may follow the inputs at once
+        z = solve(t_k + dt / 2, x, z, u_1, p_step, ca.SX.zeros(system.frictions.force.numel()))
     force = hold(t_k, dt, x, z, u_1, p_step)
     slopes = []
     for share, u in ((0.0, u_0), (0.5, u_1), (0.5, u_1), (1.0, u_2)):
@@ -97,20 +101,25 @@ def _followed(system: System, p: ca.SX, dt: ca.SX) -> ca.SX:
     return found
 
 
-def _measure_function(system: System, substeps: int) -> ca.Function:
-    """Return (t, h, x, u, p) -> all variables, with the friction forces of the first of the equal parts of h."""
+def _measure_functions(system: System, substeps: int) -> tuple[ca.Function, ca.Function]:
+    """Return (t, h, x, u, p) -> all variables, with the friction of the first of the equal parts of h, and -> z."""
     s = system
     h = ca.SX.sym("h")
     x, z = ca.SX.sym("x", s.x.numel()), ca.SX.sym("z", s.z.numel())
-    force = s.frictions.force
-    if ca.depends_on(ca.vertcat(s.outputs, s.alg), force):
-        held = _friction_function(s)(s.time, h / substeps, x, z, s.u, s.p)
+    force, hold, solve = s.frictions.force, _friction_function(s), _algebraic_function(s)
+    held, z_now = ca.SX.zeros(force.numel()), z
+    if not ca.depends_on(s.alg, force):
+        z_now = solve(s.time, x, z, s.u, s.p, held)
+        if ca.depends_on(s.outputs, force):
+            held = hold(s.time, h / substeps, x, z_now, s.u, s.p)
     else:
-        held = ca.SX.zeros(force.numel())
-    z_now = _algebraic_function(s)(s.time, x, z, s.u, s.p, held)
+        held = hold(s.time, h / substeps, x, z, s.u, s.p)
+        z_now = solve(s.time, x, z, s.u, s.p, held)
     outputs = ca.Function("outputs", [s.time, s.x, s.z, s.u, s.p, force], [s.outputs])
     value = outputs(s.time, x, z_now, s.u, s.p, held)
-    return ca.Function("measure", [s.time, h, ca.vertcat(x, z), s.u, s.p], [value], {"cse": True})
+    arguments = [s.time, h, ca.vertcat(x, z), s.u, s.p]
+    measure = ca.Function("measure", arguments, [value], {"cse": True})
+    return measure, ca.Function("algebraic", arguments, [z_now], {"cse": True})
 
 
 def _rate_function(system: System) -> ca.Function:

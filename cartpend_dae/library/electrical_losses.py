@@ -1,12 +1,11 @@
 """What a line between two pins can lose, and factors that change the constants of a machine; signs as in `electrical`.
 
-A factor stands in the law of another component: `splice.scale` multiplies one of its parameters by `y`. Its current is
-smoothed with the lag T_f, so that the law does not depend on itself at the same instant.
+A factor stands in the law of another component: `splice.scale` multiplies one of its parameters by `y`.
 """
 
 import casadi as ca
 
-from cartpend_dae.language import Component, Param, Statements, der, initial, param, signal, var
+from cartpend_dae.language import Component, Param, Statements, der, param, signal, var
 from cartpend_dae.library.electrical import Branch
 from cartpend_dae.library.laws import wave
 
@@ -22,18 +21,14 @@ class SupplySag(Branch):
 
 
 class BrushDrop(Branch):
-    """Brushes, v_p - v_n = V_b tanh(x/i_b), T_f der(x) = i - x: a voltage that depends on little but the direction."""
+    """Brushes, v_p - v_n = V_b tanh(i/i_b): a voltage that depends on little but the direction of the current."""
 
-    x = var(unit="A", doc="current, smoothed")
     V_b: Param = param(unit="V", default=0.0, min=0, doc="voltage drop of both brushes")
     i_b: Param = param(unit="A", default=0.5, min=0, doc="current at which it has 76 % of the drop")
-    T_f: Param = param(unit="s", default=0.01, min=0, doc="lag of x")
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.T_f * der(self.x) == self.i - self.x
-        yield initial(self.x == self.i, fixed=False)
-        yield self.pin_p.v - self.pin_n.v == self.V_b * ca.tanh(self.x / self.i_b)
+        yield self.pin_p.v - self.pin_n.v == self.V_b * ca.tanh(self.i / self.i_b)
 
 
 class TorqueRipple(Component):
@@ -53,21 +48,17 @@ class TorqueRipple(Component):
 
 
 class MagneticSaturation(Component):
-    """Magnetic saturation, y = 1/(1 + e x^2), T_f der(x) = i - x: a factor for the constant of a machine.
+    """Magnetic saturation, y = 1/(1 + e i^2): a factor for the constant of a machine.
 
     1/sqrt(e) is the current at which half of the constant is left.
     """
 
     i = signal("in", unit="A", doc="current")
     y = signal("out", unit="1", doc="factor")
-    x = var(unit="A", doc="current, smoothed")
     e: Param = param(unit="1/A2", default=0.0, min=0, doc="saturation, 1/i_s^2")
-    T_f: Param = param(unit="s", default=0.01, min=0, doc="lag of x")
 
     def equations(self) -> Statements:
-        yield self.T_f * der(self.x) == self.i - self.x
-        yield initial(self.x == self.i, fixed=False)
-        yield self.y == 1 / (1 + self.e * self.x**2)
+        yield self.y == 1 / (1 + self.e * self.i**2)
 
 
 class WindingHeating(Component):

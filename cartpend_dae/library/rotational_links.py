@@ -112,7 +112,7 @@ class LoadDependentFriction(Component):
     y = var(unit="N.m", doc="load, smoothed")
     tau_c: Param = param(unit="N.m", default=0.0, min=0, doc="Coulomb level without load")
     mu: Param = param(unit="1", default=0.0, min=0, max=1, doc="friction per load")
-    T_f: Param = param(unit="s", default=0.01, min=0, doc="lag of the load")
+    T_f: Param = param(unit="s", default=SHORTEST, min=0, doc="lag of the load", is_shortest_time=True)
 
     def equations(self) -> Statements:
         yield self.flange_a.phi == self.flange_b.phi
@@ -124,9 +124,10 @@ class LoadDependentFriction(Component):
 
 
 class GearLoss(Component):
-    """Gear with the efficiency 1 - e in both directions of power, tau = e |y| sgn w: a share of the torque is lost.
+    """Gear with the efficiency 1 - e in both directions of power: it loses the share e of the torque that drives it.
 
-    y follows the torque at flange b with the lag T_f, so that the loss does not depend on itself at the same instant.
+    tau = e |y| sgn w where the power enters at flange b, and e/(1 - e) |y| sgn w where it leaves there. y follows the
+    torque at flange b with the lag T_f, so that the loss does not depend on itself at the same instant.
     """
 
     flange_a = port(Flange, doc="one shaft end")
@@ -134,13 +135,14 @@ class GearLoss(Component):
     w = var(unit="rad/s", doc="speed")
     tau = var(unit="N.m", doc="lost torque, opposes w")
     y = var(unit="N.m", doc="torque that is passed on, smoothed")
-    e: Param = param(unit="1", default=0.0, min=0, max=1, doc="share that is lost")
-    T_f: Param = param(unit="s", default=0.01, min=0, doc="lag of y")
+    e: Param = param(unit="1", default=0.0, min=0, max=0.99, doc="share that is lost")
+    T_f: Param = param(unit="s", default=SHORTEST, min=0, doc="lag of y", is_shortest_time=True)
 
     def equations(self) -> Statements:
         yield self.flange_a.phi == self.flange_b.phi
         yield self.w == der(self.flange_a.phi)
         yield self.T_f * der(self.y) == self.flange_b.tau - self.y
         yield initial(self.y == self.flange_b.tau, fixed=False)
-        yield self.tau == dry_friction(self.w, self.e * ca.fabs(self.y))
+        driving = ca.if_else(self.y * self.w > 0, 1, 1 / (1 - self.e))
+        yield self.tau == dry_friction(self.w, self.e * driving * ca.fabs(self.y))
         yield self.flange_a.tau + self.flange_b.tau == self.tau
