@@ -41,7 +41,7 @@ def electrical_cards() -> tuple[Card, ...]:
             parameters=(
                 size("a_sin", lower=-1.0, upper=1.0),
                 size("a_cos", lower=-1.0, upper=1.0),
-                choice("n", (2.0, 4.0, 6.0, 12.0)),
+                choice("n", (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 12.0)),
             ),
             dissipative=False,
             nested_in=(),

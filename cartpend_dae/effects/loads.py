@@ -42,7 +42,7 @@ def load_cards() -> tuple[Card, ...]:
             summary="a torque that the teeth of a machine have without current",
             insertion="parallel",
             components={R: rotational_loads.Cogging},
-            parameters=(size("tau_k_sin"), size("tau_k_cos"), choice("n", (2.0, 4.0, 6.0, 8.0, 12.0, 24.0))),
+            parameters=(size("tau_k_sin"), size("tau_k_cos"), choice("n", (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 12.0, 24.0))),
             dissipative=False,
             nested_in=(),
             equivalent_to={},
