@@ -232,7 +232,8 @@ class Workbench:
     def solved(self, insertions: tuple[Insertion, ...], fit: Fit, sd: np.ndarray) -> Linearisation:
         """Return the normal equations at a solution of a problem made before, on the steps that it was fitted on."""
         bandwidth = float(fit.bandwidth[0])
-        stride = "fine" if bandwidth == 0.0 and self._needs_fine_steps(insertions) else None
+        is_last = bandwidth in (0.0, self.last)
+        stride = "fine" if is_last and self._needs_fine_steps(insertions) else None
         return linearised(self.problem(insertions, stride), fit.point, bandwidth, sd)
 
     @property

@@ -90,15 +90,22 @@ class Hysteresis(CompliantWithSpeed):
 
 
 class Cogging(Compliant):
-    """Cogging, tau = tau_k_sin sin(n phi_rel) + tau_k_cos cos(n phi_rel), whatever the current."""
+    """Cogging, a wave of the angle n phi_rel and one of twice that angle, whatever the current is.
+
+    tau = tau_k_sin sin(a) + tau_k_cos cos(a) + tau_k_2_sin sin(2 a) + tau_k_2_cos cos(2 a), a = n phi_rel.
+    """
 
     tau_k_sin: Param = param(unit="N.m", default=0.0, doc="sine amplitude")
     tau_k_cos: Param = param(unit="N.m", default=0.0, doc="cosine amplitude")
+    tau_k_2_sin: Param = param(unit="N.m", default=0.0, doc="sine amplitude of the second harmonic")
+    tau_k_2_cos: Param = param(unit="N.m", default=0.0, doc="cosine amplitude of the second harmonic")
     n: Param = param(unit="1", default=12.0, min=0, doc="periods per turn")
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.tau == wave(self.n * self.phi_rel, self.tau_k_sin, self.tau_k_cos)
+        angle = self.n * self.phi_rel
+        first = wave(angle, self.tau_k_sin, self.tau_k_cos)
+        yield self.tau == first + wave(2 * angle, self.tau_k_2_sin, self.tau_k_2_cos)
 
 
 class Imbalance(Compliant):
