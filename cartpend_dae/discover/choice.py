@@ -47,6 +47,7 @@ def ordered_by_bic(bench: Workbench, judged: list[Candidate], base: Base, rules:
     best = good[0]
     assert best.fit is not None
     alike = [c for c in good if best.gain - c.gain < _margin(c, best) or _is_shapeless(c, judged, base)]
+    alike = [c for c in alike if not _is_composite(c)] or alike
     fewest = min(determined(c.fit) for c in alike)
     first = _likeliest(bench, _plainest([c for c in alike if determined(c.fit) == fewest]), base, rules)
     others = [replace(c, why_not=c.why_not or second(c, first)) for c in judged if c is not first]
@@ -58,10 +59,13 @@ def _does_several_at_once(candidate: Candidate) -> bool:
 
     It would soak up a part of what is missing elsewhere, as friction that lies where a chain gives way.
     """
+    return candidate.fit is not None and residuals(candidate.fit).is_passed and _is_composite(candidate)
+
+
+def _is_composite(candidate: Candidate) -> bool:
+    """Return whether an effect between two parts contains another one of the catalogue."""
     card = candidate.insertion.card
-    if card.insertion != "series" or candidate.fit is None or not residuals(candidate.fit).is_passed:
-        return False
-    return any(card.id in other.nested_in for other in catalogue())
+    return card.insertion == "series" and any(card.id in other.nested_in for other in catalogue())
 
 
 def _plainest(tied: list[Candidate]) -> list[Candidate]:
