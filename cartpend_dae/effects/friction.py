@@ -6,7 +6,6 @@ from cartpend_dae.library import (
     rotational_links,
     rotational_losses,
     translational,
-    translational_links,
     translational_losses,
 )
 
@@ -138,10 +137,10 @@ def friction_cards() -> tuple[Card, ...]:
         ),
         Card(
             id="load_dependent_friction",
-            summary="dry friction that grows with the load that a joint passes on",
+            summary="dry friction that grows with the load that a gear or joint passes on",
             insertion="series",
-            components={R: rotational_links.LoadDependentFriction, T: translational_links.LoadDependentFriction},
-            parameters=(level("tau_c", "f_c"), level("mu", upper=1.0)),
+            components={R: rotational_links.LoadDependentFriction},
+            parameters=(level("tau_c"), level("mu", upper=1.0)),
             dissipative=True,
             nested_in=(),
             equivalent_to={"gear_loss": "the same joint: the friction per load is the lost share"},
