@@ -8,6 +8,7 @@ import pytest
 from cartpend_dae.discover import choice
 from cartpend_dae.discover.evidence import lead
 from cartpend_dae.discover.workbench import last_bandwidth
+from cartpend_dae.effects import catalogue
 
 
 def fit_of(*residuals, sd=1.0):
@@ -48,3 +49,12 @@ def test_predictions_are_compared_where_an_observer_forgets_within_their_horizon
     assert last_bandwidth((free,)) == 0.0
     # damped by 0.7, an error falls as exp(-0.7 w t): to 5 % within the horizon
     assert np.exp(-0.7 * last_bandwidth((free, ahead)) * 0.5) == pytest.approx(0.05, rel=0.02)
+
+
+def test_an_effect_in_series_that_contains_another_one_is_known():
+    def is_composite(name):
+        (card,) = (card for card in catalogue() if card.id == name)
+        return choice._is_composite(SimpleNamespace(insertion=SimpleNamespace(card=card)))
+
+    assert is_composite("chain_tension_friction")
+    assert not any(map(is_composite, ("compliance", "backlash", "gear_loss", "asymmetric_friction")))
