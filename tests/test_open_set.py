@@ -1,6 +1,7 @@
 """What no effect of the catalogue explains: where it acts, and what a law without a name explains there."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import casadi as ca
 import independent
@@ -13,6 +14,7 @@ from cartpend_dae.data import Channel, Experiment, Start
 from cartpend_dae.discover import FreeSpec, Setup, Workbench, closure_at, discover, localize
 from cartpend_dae.discover.closure import KINDS, Reach, weights
 from cartpend_dae.discover.localize import LIMIT
+from cartpend_dae.discover.open_set import OpenSet
 from cartpend_dae.effects import catalogue, insert_all, places
 from cartpend_dae.library import closures
 from models.driven_cart import DrivenCart
@@ -170,3 +172,11 @@ def test_the_estimated_load_is_the_one_that_acted():
     assert series["rail"][during].mean() == pytest.approx(-4.0, abs=0.4)
     after = series["time"] > 3.5
     assert abs(series["rail"][after].mean()) < 0.4
+
+
+@pytest.mark.parametrize(("share", "words"), [(0.27, "explains 27 % of it"), (-55.0, "explains nothing of it")])
+def test_a_law_that_leaves_more_than_there_was_explains_nothing(share, words):
+    place = SimpleNamespace(at="bearing", evidence=2 * LIMIT, alike=(), kind="load")
+    where = SimpleNamespace(places=(place,), portraits=(SimpleNamespace(at="bearing", sentence="Seen."),))
+    found = OpenSet(where, "bearing", (SimpleNamespace(gain=-np.inf, gate=None),), share)
+    assert words in found.sentence

@@ -55,8 +55,9 @@ class OpenSet:
             return f"{head}{like}. {seen} No closure could be trained there."
         best, share = self.closures[0], 100 * self.explained
         if not self.is_a_law:
+            much = f"{share:.0f} %" if share > 0 else "nothing"
             return (
-                f"{head}{like}. {seen} A law of {_depends(strongest)} at `{self.at}` explains {share:.0f} % of it: "
+                f"{head}{like}. {seen} A law of {_depends(strongest)} at `{self.at}` explains {much} of it: "
                 f"it has a memory, depends on something else, or is a disturbance."
             )
         rest = "nothing but noise is left then" if not best.gate.is_passed else "structure is left then, too"

@@ -79,8 +79,9 @@ def main():
     options = parser.parse_args()
     names = [] if options.recorded else options.studies or list(discovery_text.STUDIES)
     results = recorded("discovery").get("discovery", {})
+    sources = commit()  # before what is recorded here changes a file
     for name in names:
-        results[name] = discovered(name, options.jobs) | {"commit": commit(), "python": platform.python_version()}
+        results[name] = discovered(name, options.jobs) | {"commit": sources, "python": platform.python_version()}
         record("discovery", results)
     if options.write:
         discovery_text.into(options.write, results)
