@@ -88,6 +88,12 @@ def test_words_need_no_quotes():
     assert "lists all" in run("effects", "zzz", code=2)
 
 
+@pytest.mark.parametrize("command", ["components", "effects"])
+def test_the_word_list_in_front_lists(command):
+    assert run(command, "list") == run(command)
+    assert run(command, "list", "friction") == run(command, "friction")
+
+
 def test_every_effect_is_listed():
     listed = json.loads(run("effects", "--json"))
     assert {card["id"] for card in listed} == {card.id for card in catalogue()}

@@ -265,6 +265,7 @@ def test_paper_has_the_curves_of_all_runs(browser, report):
         assert page.locator(".run .chart").count() == 9  # measured and two residuals of three runs
         assert page.locator(".run .chart").first.is_visible()
         assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+        assert page.evaluate("getComputedStyle(document.querySelector('.missing')).breakInside") == "avoid"
         assert page.pdf(prefer_css_page_size=True).startswith(b"%PDF")
 
 

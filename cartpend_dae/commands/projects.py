@@ -33,10 +33,15 @@ def new(folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A folder 
     )
 
 
+def _wanted(words: list[str] | None) -> str:
+    """Join the words of a search; `list` in front says only what the command does anyway."""
+    return " ".join(words[1:] if words and words[0] == "list" else words or ())
+
+
 @spoken
 def list_components(words: Words = None, as_json: Json = False) -> None:
     """List the components of the library; of one named exactly, say all."""
-    entries, text = components(), " ".join(words or ())
+    entries, text = components(), _wanted(words)
     exact = [entry for entry in entries if text in (entry.name, entry.name.split(".")[1])]
     if len(exact) == 1:
         _tell(exact[0], as_json)
@@ -58,7 +63,7 @@ def list_components(words: Words = None, as_json: Json = False) -> None:
 @spoken
 def list_effects(words: Words = None, as_json: Json = False) -> None:
     """List the effects that `discover` tries; of one named exactly, say all."""
-    cards, text = catalogue(), " ".join(words or ())
+    cards, text = catalogue(), _wanted(words)
     found = [card for card in cards if all(w in f"{card.id} {card.summary}".lower() for w in text.lower().split())]
     exact = [card for card in cards if card.id == text]
     if not found:

@@ -245,9 +245,10 @@ def _moved(before: Json | None, after: Json) -> str:
     change = after["value"] - before["value"]
     if after["status"] == "fixed" or change == 0:
         return "unchanged"
-    text = f"{100 * change / abs(before['value']):+.3g} %" if before["value"] else f"{change:+.3g}"
+    joint = "\N{NO-BREAK SPACE}"  # in a narrow column a number keeps its unit
+    text = f"{100 * change / abs(before['value']):+.3g}{joint}%" if before["value"] else f"{change:+.3g}"
     sd = math.hypot(before["sd"] or 0.0, after["sd"] or 0.0)
-    return f"{text.replace('-', '−')}, {abs(change) / sd:.2g} sd" if sd > 0 else text.replace("-", "−")
+    return f"{text.replace('-', '−')}, {abs(change) / sd:.2g}{joint}sd" if sd > 0 else text.replace("-", "−")
 
 
 def estimates(result: Json) -> list[tuple[str, str]]:
