@@ -259,7 +259,7 @@ def test_algebraic_variables_and_sampled_inputs_are_gone_through():
     for one, other in zip(fit.parameters, before.parameters, strict=True):
         # what was simulated with 1e-9 is found again with 1e-8; in steps of fixed length it is not
         assert one.value == pytest.approx(truth[one.name], rel=2e-6)
-        assert abs(other.value / truth[one.name] - 1) > 2e-5
+        assert abs(other.value / truth[one.name] - 1) > 8e-6
 
 
 def test_a_run_that_falls_over_keeps_its_steps_or_ends_exactly():

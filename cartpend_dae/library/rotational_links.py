@@ -124,10 +124,11 @@ class LoadDependentFriction(Component):
 
 
 class GearLoss(Component):
-    """Gear with the efficiency 1 - e in both directions of power: it loses the share e of the torque that drives it.
+    """Gear with the efficiency 1 - e in both directions of power, tau = e |y| sgn w or e/(1 - e) |y| sgn w.
 
-    tau = e |y| sgn w where the power enters at flange b, and e/(1 - e) |y| sgn w where it leaves there. y follows the
-    torque at flange b with the lag T_f, so that the loss does not depend on itself at the same instant.
+    The first holds where the power enters at flange b, the second where it leaves there: lost is the share e of the
+    torque that drives. y follows the torque at flange b with the lag T_f, so that the loss does not depend on itself at
+    the same instant.
     """
 
     flange_a = port(Flange, doc="one shaft end")

@@ -90,9 +90,9 @@ class Hysteresis(CompliantWithSpeed):
 
 
 class Cogging(Compliant):
-    """Cogging, a wave of the angle n phi_rel and one of twice that angle, whatever the current is.
+    """Cogging, tau = tau_k_sin sin a + tau_k_cos cos a + tau_k_2_sin sin 2a + tau_k_2_cos cos 2a, with a = n phi_rel.
 
-    tau = tau_k_sin sin(a) + tau_k_cos cos(a) + tau_k_2_sin sin(2 a) + tau_k_2_cos cos(2 a), a = n phi_rel.
+    It is a wave of the angle and its second harmonic, whatever the current is.
     """
 
     tau_k_sin: Param = param(unit="N.m", default=0.0, doc="sine amplitude")

@@ -1,8 +1,8 @@
 """What goes wrong between a quantity and its sensor, or between a command and its actuator; units as in `signals`.
 
 At its default each block passes its input, y = u, exactly. So a delay is no lag whose time is 0, which has no slope
-there: it takes away T_d times a smoothed rate of the input, and what smooths it grows with T_d from a floor T_0 that is
-below what the data resolve, T_f = sqrt(T_d^2 + T_0^2). With T_d well above the floor nothing of a jump passes at once.
+there: it takes away T_d times the smoothed rate of the input, (u - x)/T_f with T_f der(x) = u - x, and the lag T_f
+grows with T_d from a floor T_0. That of a sensor is so short that nothing of a jump passes a longer delay at once.
 """
 
 import casadi as ca
@@ -143,22 +143,17 @@ class RateLimit(Block):
 
 
 class InputDelay(Block):
-    """Dead time, y = u - T_d (u - x)/T_f, where x lags behind u by T_f = sqrt(T_d^2 + 6 T_0^2).
+    """Dead time, y = u - T_d (u - x)/T_f, T_f der(x) = u - x, T_f = T_d/2 + T_0: (1 - (T_d/2 - T_0) s)/(1 + T_f s).
 
-    x is the Pade approximation of order [1/2], (1 - T_f s/3)/(1 + 2 T_f s/3 + (T_f s)^2/6), of exp(-T_f s): nothing of
-    a jump passes at once. For T_d longer than T_0 this is y; T_d = 0 is no delay at all.
+    This is the Pade approximation of exp(-T_d s) with the floor T_0; T_d = 0 is no delay at all.
     """
 
-    x_1 = var(unit="1", doc="first state of the approximation, the input smoothed")
-    x_2 = var(unit="1/s", doc="its derivative")
+    x = var(unit="1", doc="state of the approximation")
     T_d: Param = param(unit="s", default=0.0, min=0, doc="delay")
-    T_0: Param = param(unit="s", default=SHORTEST, min=0, doc="floor of the delay", is_shortest_time=True)
+    T_0: Param = param(unit="s", default=0.005, min=0, doc="floor of the lag")
 
     def equations(self) -> Statements:
-        T_f = ca.sqrt(self.T_d**2 + 6 * self.T_0**2)
-        yield der(self.x_1) == self.x_2
-        yield T_f**2 / 6 * der(self.x_2) == self.u - self.x_1 - 2 / 3 * T_f * self.x_2
-        yield initial(self.x_1 == self.u, fixed=False)
-        yield initial(self.x_2 == 0, fixed=False)
-        x = self.x_1 - T_f / 3 * self.x_2
-        yield self.y == self.u - self.T_d * (self.u - x) / T_f
+        T_f = self.T_d / 2 + self.T_0
+        yield T_f * der(self.x) == self.u - self.x
+        yield initial(self.x == self.u, fixed=False)
+        yield self.y == self.u - self.T_d * (self.u - self.x) / T_f
