@@ -61,6 +61,8 @@ def test_pyright_reports_every_mistake_and_no_other_line(tmp_path):
 
 # What is left is declared without a type on purpose: annotated is what the constructor takes, `s = var(...)` is not.
 KNOWN = 0.89
+# beside other tests pyright now and then takes 1 % of the symbols for unknown; the same command then counts as ever
+TRIES = 3
 
 
 @pytest.mark.slow
@@ -68,15 +70,18 @@ def test_the_public_names_are_typed(tmp_path):
     command = [sys.executable, "-m", "pyright", "--outputjson", "--pythonpath", sys.executable, "--ignoreexternal"]
     # pyright does not follow how an editable installation names the place of the package
     place = os.environ | {"PYTHONPATH": str(ROOT)}
-    result = subprocess.run(
-        [*command, "--verifytypes", "cartpend_dae"],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tmp_path,
-        env=place,
-    )
-    found = json.loads(result.stdout)["typeCompleteness"]
+    for _ in range(TRIES):
+        result = subprocess.run(
+            [*command, "--verifytypes", "cartpend_dae"],
+            capture_output=True,
+            text=True,
+            check=False,
+            cwd=tmp_path,
+            env=place,
+        )
+        found = json.loads(result.stdout)["typeCompleteness"]
+        if found["completenessScore"] >= KNOWN:
+            break
     assert found["pyTypedPath"].startswith(found["packageRootDirectory"])
     assert found["completenessScore"] >= KNOWN
     assert found["exportedSymbolCounts"]["withUnknownType"] <= 40  # pyright counts 15, now and then 37
