@@ -9,6 +9,7 @@ from cartpend_dae.discover.disturbed import fitted
 from cartpend_dae.discover.evidence import determined
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.records import Candidate, Gate, Step
+from cartpend_dae.discover.screen import is_other_law
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import catalogue
@@ -29,6 +30,7 @@ SHAPE = 0.03
 # so many times what the best of them leaves beyond noise another law may leave and still be alike, and a simpler case
 # of the best one itself
 WORSE, SIMPLER = 4.0, 10.0
+ROUNDED = "`{}` that is rounded at rest explains it with fewer parameters"
 
 
 def ordered_by_bic(bench: Workbench, judged: list[Candidate], base: Base, rules: Rules) -> list[Candidate]:
@@ -52,6 +54,27 @@ def ordered_by_bic(bench: Workbench, judged: list[Candidate], base: Base, rules:
     first = _likeliest(bench, _plainest([c for c in alike if determined(c.fit) == fewest]), base, rules)
     others = [replace(c, why_not=c.why_not or second(c, first)) for c in judged if c is not first]
     return [first, *others]
+
+
+def rounded_first(ranked: list[Candidate]) -> list[Candidate]:
+    """Put the plainest law of dry friction first where the best one would be weaker at rest than in motion.
+
+    No contact is; but one that creeps before it slides seems so, and other laws would take up what rounds its corner.
+    It stays as it is where anything but a law of the same contact explains more than the plainest.
+    """
+    fitted_ones = [c for c in ranked if c.fit is not None]
+    best = max(fitted_ones, key=lambda c: c.gain, default=None)
+    if best is None or best.fit is None or not best.insertion.contradiction(best.fit.values):
+        return ranked
+    good = [c for c in ranked if not c.why_not]
+    tied = [c for c in fitted_ones if c.gain > 0 and (c in good or c.why_not == second(c, ranked[0]))]
+    plain = min(
+        (c for c in tied if _contains(best, c, ranked)), key=lambda c: len(c.insertion.parameter_names), default=None
+    )
+    if plain is None or any(c.gain > plain.gain and not is_other_law(c, plain) for c in tied):
+        return ranked
+    others = [replace(c, why_not=c.why_not or ROUNDED.format(plain.insertion.prefix)) for c in ranked if c is not plain]
+    return [replace(plain, why_not=""), *others]
 
 
 def _does_several_at_once(candidate: Candidate) -> bool:

@@ -8,6 +8,7 @@ from scipy.optimize import lsq_linear
 
 from cartpend_dae.discover.evidence import determined
 from cartpend_dae.discover.records import Candidate
+from cartpend_dae.discover.slopes import basis_of
 from cartpend_dae.discover.unknown_input import likelihood, whitened
 from cartpend_dae.discover.weigh import LEFT, Forces, Weighed, weigh
 from cartpend_dae.discover.workbench import ROUGH, Workbench
@@ -149,13 +150,6 @@ def _predictions(pairs: list[tuple[Candidate, list[np.ndarray]]], base: Weighed)
             why = candidate.why_not or "its simulation diverges"
             found.append(replace(candidate, predicted=0.0, why_not=why))
     return found
-
-
-def basis_of(columns: np.ndarray, least: float = 1e-10) -> np.ndarray:
-    """Return an orthonormal basis of what the parameters fitted already can move; directions below `least` are none."""
-    size = np.linalg.norm(columns, axis=0)
-    vectors, values, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
-    return vectors[:, values > least * values.max(initial=0.0)]
 
 
 def _new(rows: np.ndarray, n_known: int) -> np.ndarray:

@@ -97,9 +97,10 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """What a screen says of the option with a number, as it is kept; see `Candidate`."""
+    """What a screen says of the option with a number, from `values` of its shapes, as it is kept; see `Candidate`."""
 
     number: int
+    values: dict[str, float]
     parameters: dict[str, float]
     predicted: float
     why_not: str

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from cartpend_dae.discover.disturbed import basis_of, predictions
+from cartpend_dae.discover.disturbed import predictions
 from cartpend_dae.discover.records import Candidate, Prediction
+from cartpend_dae.discover.slopes import basis_of
 from cartpend_dae.discover.sweep import Sweep, one_by_one, sweep
 from cartpend_dae.discover.weigh import Weighed
 from cartpend_dae.discover.workbench import Workbench
@@ -96,8 +97,10 @@ def screen(
     at = _At(bench, taken, point, bandwidth, sd, weighed)
     depends = names, len(taken), dict(point), bandwidth, sd, against
     kept = bench.store.recall("screen", depends, lambda: _kept(at, options))
+    chosen = [replace(options[p.number], values=p.values) for p in kept]
     found = [
-        Candidate(options[p.number], p.parameters, p.predicted, 0.0, 0.0, None, p.why_not, p.response) for p in kept
+        Candidate(option, p.parameters, p.predicted, 0.0, 0.0, None, p.why_not, p.response)
+        for option, p in zip(chosen, kept, strict=True)
     ]
     ranked = sorted(found, key=lambda candidate: (bool(candidate.why_not), -candidate.predicted))
     best: dict[str, Candidate] = {}
@@ -111,10 +114,17 @@ def screen(
 
 def _kept(at: "_At", options: list[Insertion]) -> list[Prediction]:
     """Screen all, as it can be kept on disk."""
-    pairs = [pair for batch in _batches(options) for pair in _screened(at, batch)]
+    again: list[Insertion] = []
+    pairs = [pair for batch in _batches(options) for pair in _screened(at, batch, again)]
+    pairs += [pair for batch in _batches(again) for pair in _screened(at, batch)]
+    named = {option.prefix: k for k, option in enumerate(options)}
     found = _probed(at, [c for c, _ in pairs]) if at.weighed is None else predictions(pairs, at.weighed)
-    number = {id(option): k for k, option in enumerate(options)}
-    return [Prediction(number[id(c.insertion)], c.parameters, c.predicted, c.why_not, c.response) for c in found]
+    return [
+        Prediction(
+            named[c.insertion.prefix], dict(c.insertion.values), c.parameters, c.predicted, c.why_not, c.response
+        )
+        for c in found
+    ]
 
 
 def _probed(at: "_At", found: list[Candidate]) -> list[Candidate]:
@@ -182,8 +192,8 @@ class _At:
     sd: np.ndarray
     weighed: Weighed | None
 
-    def sweep(self, batch: tuple[Insertion, ...]) -> Sweep:
-        return sweep(self.bench, self.taken, batch, self.point, self.bandwidth, self.sd)
+    def sweep(self, batch: tuple[Insertion, ...], with_shapes: bool) -> Sweep:
+        return sweep(self.bench, self.taken, batch, self.point, self.bandwidth, self.sd, with_shapes=with_shapes)
 
     def alone(self, option: Insertion, values: Mapping[str, float] | None = None) -> Sweep:
         point = {**self.point, **(values or {})}
@@ -193,18 +203,20 @@ class _At:
 _Judged = tuple[Candidate, Mapping[str, np.ndarray]]
 
 
-def _screened(at: _At, batch: tuple[Insertion, ...]) -> list[_Judged]:
+def _screened(at: _At, batch: tuple[Insertion, ...], again: list[Insertion] | None = None) -> list[_Judged]:
     """Judge a batch together; those too fast for that alone, and halves where something cannot be simulated.
 
-    With each candidate goes what its sizes change, by name.
+    With each candidate goes what its sizes change, by name. Those of better shapes are put into `again`.
     """
     try:
-        found = at.sweep(batch)
+        found = at.sweep(batch, again is not None)
     except (SolverError, ModelError) as error:
         if len(batch) == 1:
             return [(Candidate(batch[0], batch[0].starts, 0.0, 0.0, 0.0, None, f"it cannot be tried: {error}"), {})]
         half = len(batch) // 2
-        return [c for part in (batch[:half], batch[half:]) for c in _screened(at, part)]
+        return [c for part in (batch[:half], batch[half:]) for c in _screened(at, part, again)]
+    if again is not None:
+        again += found.again
     smooth = tuple(option for option in batch if all(name in found.sizes for name in option.size_names))
     return _predictions(smooth, found) + [_alone(at, o) for o in batch if o not in smooth]
 

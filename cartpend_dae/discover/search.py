@@ -16,7 +16,7 @@ from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdi
 from cartpend_dae.discover.regime import best_bandwidth, sampling_rate
 from cartpend_dae.discover.screen import candidates, is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import MIN_BIC_GAIN, is_nearly_all, try_all
+from cartpend_dae.discover.trial import MIN_BIC_GAIN, is_nearly_all, try_all, weighed_trials
 from cartpend_dae.discover.weigh import weigh
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place
@@ -121,13 +121,12 @@ def _against_forces(
         rules, start = _forced(bench, noise, without[0])
         # above the sampling rate each sample is corrected by all of its error, and forces explain everything
         is_blind = bool(start.fit.bandwidth[0] > sampling_rate(bench))
-        ranked = None if is_blind else try_all(bench, start, rules, candidates(*library, ()))
-        if found and is_nearly_all(without[1]) and (ranked is None or _is_among_best(found[0], ranked)):
+        if found and is_nearly_all(without[1]) and (is_blind or _is_confirmed(bench, found[0], start, rules, library)):
             return old
         if is_blind:
             rules, start = _disturbed(bench, noise, without[0], log, library)
         log.steps, log.base = [], None
-        base = _grow(bench, start, rules, library, max_steps, log, ranked)
+        base = _grow(bench, start, rules, library, max_steps, log)
     except SolverError:  # it diverges in the steps with which it is weighed
         log.steps, log.base = found, stood
         return old
@@ -210,8 +209,9 @@ def _forced(bench: Workbench, noise: Rules, base: Base) -> tuple[Rules, Base]:
     return rules, Base((), {bandwidth: fit}, base.bare, weighed)
 
 
-def _is_among_best(step: Step, ranked: list[Candidate]) -> bool:
+def _is_confirmed(bench: Workbench, step: Step, start: Base, rules: Rules, library: Library) -> bool:
     """Return whether an effect explains as much against random forces as the one that would be taken there."""
+    ranked = weighed_trials(bench, start, rules, candidates(*library, ()), step.candidate.insertion.prefix)
     best = ranked[0].gain if ranked and not ranked[0].why_not else 0.0
     own = next((c.gain for c in ranked if c.insertion.prefix == step.candidate.insertion.prefix), 0.0)
     return own > 0 and best - own < margin_of(best)
@@ -224,21 +224,16 @@ def _grow(
     library: Library,
     max_steps: int,
     log: _Log,
-    first_round: list[Candidate] | None = None,
 ) -> Base:
-    """Add effects while there is structure; the free simulation has it, so there is always a first round.
-
-    Candidates of the first round may have been judged already.
-    """
+    """Add effects while there is structure; the free simulation has it, so there is always a first round."""
     first = base
     while len(log.steps) < max_steps:
         try:
-            grown = _grown(bench, base, rules, library, log, first_round)
+            grown = _grown(bench, base, rules, library, log)
         except SolverError:
             if not log.steps:
                 raise
             break  # what was found before stands
-        first_round = None
         if grown is None:
             break
         base = grown
@@ -249,16 +244,14 @@ def _grow(
     return base
 
 
-def _grown(
-    bench: Workbench, base: Base, rules: Rules, library: Library, log: _Log, first_round: list[Candidate] | None
-) -> Base | None:
+def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _Log) -> Base | None:
     """Return the model with one more effect, and log it; None if there is none to add."""
     options = candidates(*library, base.taken)
     if rules.regime == "noise" and log.steps:
         options = _supported(bench, base, rules, options)
         if not options:
             return None
-    ranked = first_round or try_all(bench, base, rules, options)
+    ranked = try_all(bench, base, rules, options)
     log.tried |= {candidate.insertion.prefix: candidate for candidate in ranked}
     if not ranked or ranked[0].why_not:
         return None

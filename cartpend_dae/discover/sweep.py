@@ -16,14 +16,26 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from cartpend_dae.continuous import without_events
+from cartpend_dae.discover.scan import Scan, best_shape
+from cartpend_dae.discover.slopes import (
+    LOST,
+    Along,
+    Growth,
+    Local,
+    basis_of,
+    growth_of,
+    local_slopes,
+    roughness,
+    sliding_force,
+)
 from cartpend_dae.discover.unknown_input import Chain
 from cartpend_dae.discover.workbench import COARSE, Workbench, assembled
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError
 from cartpend_dae.problem import Problem
-from cartpend_dae.shooting import carried_on, run_through, scaled_values, sensitivities, start_slopes
-from cartpend_dae.system import Frictions, System
-from cartpend_dae.transcribe import sample_step, shown_state, stack_data
+from cartpend_dae.shooting import run_through, scaled_values, sensitivities, start_slopes
+from cartpend_dae.system import System
+from cartpend_dae.transcribe import shown_state, stack_data
 
 # a rig rests where over so long [s] the variance of a measured value is less than so many times that of its noise
 REST, QUIET = 0.2, 2.5
@@ -32,8 +44,6 @@ REST, QUIET = 0.2, 2.5
 STRIDES = (COARSE, 0.25, 0.05)
 # share of itself by which df/ds may change between two samples for the mean of both ends to be good
 ROUGH = 0.5
-# sensitivities beyond this are those of an effect whose own states ran away
-LOST = 1e30
 # what is fitted already is followed as the sizes are where that is so exact: an effect that does the same would else
 # differ from it by the error of the trapezoidal rule, which passes for something new
 SAME = 0.01
@@ -44,13 +54,14 @@ class Sweep:
     """Weighted residuals (n,), their derivatives in what is fitted already (n, n_base), and in each size (n,).
 
     Sizes of effects that change too much between samples to be followed so are missing. The `chain` has all sizes as
-    forces; None where effects were judged alone.
+    forces; None where effects were judged alone. `again` are effects from better shapes.
     """
 
     residual: np.ndarray
     base: np.ndarray
     sizes: dict[str, np.ndarray]
     chain: Chain | None = None
+    again: tuple[Insertion, ...] = ()
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
@@ -61,6 +72,8 @@ def sweep(
     point: Mapping[str, float],
     bandwidth: float,
     sd: np.ndarray,
+    *,
+    with_shapes: bool = False,
 ) -> Sweep:
     """Linearise the model at a fit in the sizes of many effects at once.
 
@@ -78,6 +91,8 @@ def sweep(
         Bandwidth of the output injection of that fit [rad/s].
     sd
         Noise used as weight, shape (n_y,).
+    with_shapes
+        Look for the most promising shapes as well; see `best_shape`.
 
     Raises
     ------
@@ -99,35 +114,30 @@ def sweep(
             break
     else:
         raise SolverError("The model with all effects of the catalogue in it diverges.")
-    local = _local(problem, system, inside, values, w, data, states)
+    local = local_slopes(problem, system, inside, values, w, data, states)
     names = tuple(name for insertion in options for name in insertion.size_names)
     fitted = tuple(item.name for item in problem.layout.free if ":" not in item.name)
-    growth = _growth(problem, system, inside, (*names, *fitted), values, data, states)
+    along = Along(problem, system, inside, values, data, states)
+    growth = growth_of(along, (*names, *fitted))
     # no rig sticks when its model does: what random forces move goes on as if it slid, at a level that stays as it is,
     # as one that falls with the speed would let what rests run away; only where the rig rests is it as the model says
     free = local
     if system.frictions.places:
         loose = _sliding(system, list(range(len(system.frictions.places))), is_felt=False)
-        free = _local(problem, loose, inside, values, w, data, states)
+        free = local_slopes(problem, loose, inside, values, w, data, states)
         free = _stuck_where(_rests(problem, data), local, free)
     found = _gathered(problem, values, (local, free), growth, residual, inside, (*names, *fitted), data)
-    smooth = [name for name, is_rough in zip(names, _roughness(growth) > ROUGH, strict=False) if not is_rough]
+    smooth = [name for name, is_rough in zip(names, roughness(growth) > ROUGH, strict=False) if not is_rough]
     base = found.base.copy()
     for i, item in enumerate(problem.layout.free):
         column = found.sizes.get(item.name, np.zeros(0)) * item.slope(values[i])
         if column.size and np.linalg.norm(column - base[:, i]) < SAME * np.linalg.norm(base[:, i]):
             base[:, i] = column
-    return replace(found, base=base, sizes={name: found.sizes[name] for name in smooth})
-
-
-def _roughness(growth: "_Growth") -> np.ndarray:
-    """Return by how much df/ds changes between samples, relative to itself, for each size; infinite if it is lost."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        change = np.sqrt(np.mean((growth.right - growth.left) ** 2, axis=0))
-        whole = np.sqrt(np.mean(growth.left**2, axis=0))
-        ratio = np.where(whole > 0, change / np.maximum(whole, 1e-300), 0.0).max(axis=0)
-        size = np.abs(growth.left).max(axis=(0, 1)) + np.abs(growth.outputs).max(axis=(0, 1))
-    return np.where(np.isfinite(ratio) & (size < LOST), ratio, np.inf)
+    again: tuple[Insertion, ...] = ()
+    if with_shapes:
+        scan = Scan(along, local, found.residual, basis_of(base))
+        again = tuple(replace(o, values={**o.values, **shape}) for o in options if (shape := best_shape(o, scan)))
+    return replace(found, base=base, sizes={name: found.sizes[name] for name in smooth}, again=again)
 
 
 def _sliding(system: System, mine: list[int], *, is_felt: bool = True) -> System:
@@ -139,7 +149,7 @@ def _sliding(system: System, mine: list[int], *, is_felt: bool = True) -> System
     others = [i for i in range(len(f.places)) if i not in mine]
     if not mine:
         return system
-    slide, force = _sliding_force(f)[mine, 0], f.force[mine, 0]
+    slide, force = sliding_force(f)[mine, 0], f.force[mine, 0]
     # the level of one may depend on the force of another, which is nothing at first order
     slide = ca.substitute(slide, force, ca.SX.zeros(len(mine))) if is_felt else ca.SX.zeros(len(mine))
     parts = [system.ode, system.alg, system.outputs, system.initials.residual, system.invariants]
@@ -198,10 +208,6 @@ def one_by_one(
     return Sweep(found.residuals.ravel()[measured], flat[:, kept], sizes)
 
 
-def _sliding_force(f: Frictions) -> ca.SX:
-    return ca.if_else(f.speed > 0, f.level_pos, -f.level_neg) * ca.fabs(ca.sign(f.speed))
-
-
 def _is_at(name: str, options: tuple[Insertion, ...]) -> bool:
     """Return whether a dotted name is inside one of the options; joined frictions name all their places."""
     return all(
@@ -215,50 +221,6 @@ def _inside(system: System, options: tuple[Insertion, ...], own: tuple[str, ...]
     shown = {found[0] for name in own if (found := shown_state(system, name)) is not None}
     named = (i for i, name in enumerate(system.states) if _is_at(name.removeprefix("der("), options))
     return [i for i in named if i not in shown]
-
-
-@dataclass(frozen=True, slots=True)
-class _Local:
-    """Derivatives from each sample to the next: in states, parameters, measured values; and those of the error."""
-
-    transition: np.ndarray
-    theta: np.ndarray
-    measured: np.ndarray
-    error: np.ndarray
-    error_theta: np.ndarray
-
-
-def _local(
-    problem: Problem,
-    system: System,
-    inside: list[int],
-    values: np.ndarray,
-    w: np.ndarray,
-    data: np.ndarray,
-    states: np.ndarray,
-) -> _Local:
-    """Differentiate the step between samples, in which the sizes are the number 0 and states of the effects inputs."""
-    own = [i for i in range(system.x.numel()) if i not in inside]
-    reduced = _reduced(system, own, inside)
-    layout = replace(problem.layout, system=reduced)
-    n_x, n_y, n_p = layout.n_state, len(layout.outputs), len(layout.slots)
-    n_u, n_inner = system.u.numel(), len(inside)
-    theta, gain, x = ca.SX.sym("theta", n_p), ca.SX.sym("w", n_y), ca.SX.sym("x", n_x)
-    column = ca.SX.sym("data", 2 + 2 * (n_u + n_inner) + 2 * n_y)
-    x_next, error = sample_step(layout, theta, gain, x, column)
-    first = 2 + 2 * (n_u + n_inner)
-    jacobian = ca.jacobian(ca.vertcat(x_next, error), ca.vertcat(x, theta, column[first : first + n_y]))
-    function = ca.Function("local", [ca.vertcat(theta, gain), x, column], [ca.densify(jacobian)], {"cse": True})
-    n = data.shape[1]
-    inner = states[inside]
-    after = np.hstack([inner[:, 1:], inner[:, -1:]])
-    rows = np.vstack([data[: 2 + n_u], inner, data[2 + n_u : 2 + 2 * n_u], after, data[2 + 2 * n_u :]])
-    carried = np.repeat(carried_on(problem, values, w), problem.layout.length, axis=1)
-    kept = [*own, *range(system.x.numel(), states.shape[0])]
-    found = np.asarray(function.map(n)(carried, states[kept], rows))
-    found = found.reshape(n_x + n_y, n, n_x + n_p + n_y).transpose(1, 0, 2)
-    parts = np.split(found, [n_x, n_x + n_p], axis=2)
-    return _Local(parts[0][:, :n_x], parts[1][:, :n_x], parts[2][:, :n_x], parts[0][:, n_x:], parts[1][:, n_x:])
 
 
 def _rests(problem: Problem, data: np.ndarray) -> np.ndarray:
@@ -275,89 +237,16 @@ def _rests(problem: Problem, data: np.ndarray) -> np.ndarray:
     return np.any((spread < QUIET) & (share > 0.5), axis=0)
 
 
-def _stuck_where(rests: np.ndarray, local: _Local, free: _Local) -> _Local:
+def _stuck_where(rests: np.ndarray, local: Local, free: Local) -> Local:
     names = ("transition", "theta", "measured", "error", "error_theta")
-    return _Local(*(np.where(rests[:, None, None], getattr(local, x), getattr(free, x)) for x in names))
-
-
-def _reduced(system: System, own: list[int], inside: list[int]) -> System:
-    """Return a system whose states inside effects are inputs after its own."""
-    place = {state: position for position, state in enumerate(own)}
-    relations = {
-        name: replace(relation, state=place[relation.state])
-        for name, relation in system.state_relations.items()
-        if relation.state in place
-    }
-    return replace(
-        system,
-        states=tuple(system.states[i] for i in own),
-        x=system.x[own, 0],
-        ode=system.ode[own, 0],
-        inputs=(*system.inputs, *(system.states[i] for i in inside)),
-        u=ca.vertcat(system.u, system.x[inside, 0]),
-        state_relations=relations,
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class _Growth:
-    """df/ds at both ends of the interval after each sample, (n, n_own, n_sizes), and dh/ds, (n, n_y, n_sizes)."""
-
-    left: np.ndarray
-    right: np.ndarray
-    outputs: np.ndarray
-
-    def where_finite(self) -> "_Growth":
-        """Return the same with zeros for the sizes whose effects are lost somewhere."""
-        parts = (self.left, self.right, self.outputs)
-        lost = ~np.all(
-            [np.isfinite(part).all(axis=(0, 1)) & (np.abs(part) < LOST).all(axis=(0, 1)) for part in parts], axis=0
-        )
-        return _Growth(*(np.where(lost, 0.0, part) for part in parts))
-
-
-def _growth(
-    problem: Problem,
-    system: System,
-    inside: list[int],
-    names: tuple[str, ...],
-    values: np.ndarray,
-    data: np.ndarray,
-    states: np.ndarray,
-) -> _Growth:
-    """Evaluate how fast each size would move the states, and how it would change the outputs."""
-    s, layout = system, problem.layout
-    own = [i for i in range(s.x.numel()) if i not in inside]
-    sizes = s.p[[s.parameter_index(name) for name in names], 0]
-    # a friction of the model that is one with those of effects slides at a level that their sizes change
-    ode, alg, outputs = ca.substitute(
-        [s.ode[own, 0], s.alg, s.outputs[list(layout.outputs), 0]], [s.frictions.force], [_sliding_force(s.frictions)]
-    )
-    slope, output_slope = ca.jacobian(ode, sizes), ca.jacobian(outputs, sizes)
-    if s.z.numel():
-        through = ca.solve(ca.jacobian(alg, s.z), ca.densify(ca.jacobian(alg, sizes)))
-        slope -= ca.jacobian(ode, s.z) @ through
-        output_slope -= ca.jacobian(outputs, s.z) @ through
-    both = ca.densify(ca.vertcat(slope, output_slope))
-    function = ca.Function("growth", [s.time, s.x, s.z, s.u, s.p], [both], {"cse": True})
-    n, n_u, n_x = data.shape[1], s.u.numel(), s.x.numel()
-    parameters = [problem.functions.parameters(values[owners]) for owners in layout.owners]
-    p = np.hstack([np.asarray(one) for one in parameters])[:, np.repeat(layout.runs, layout.length)]
-    begin = data[0], states, data[2 : 2 + n_u]
-    end = data[0] + data[1], np.hstack([states[:, 1:], states[:, -1:]]), data[2 + n_u : 2 + 2 * n_u]
-    left, right = (
-        np.asarray(function.map(n)(t, x[:n_x], x[n_x:], u, p)).reshape(both.shape[0], n, len(names)).transpose(1, 0, 2)
-        for t, x, u in (begin, end)
-    )
-    n_own = len(own)
-    return _Growth(left[:, :n_own], right[:, :n_own], left[:, n_own:])
+    return Local(*(np.where(rests[:, None, None], getattr(local, x), getattr(free, x)) for x in names))
 
 
 def _gathered(
     problem: Problem,
     values: np.ndarray,
-    locals_: tuple[_Local, _Local],
-    growth: _Growth,
+    locals_: tuple[Local, Local],
+    growth: Growth,
     residual: np.ndarray,
     inside: list[int],
     names: tuple[str, ...],
@@ -373,8 +262,7 @@ def _gathered(
     own = [i for i in range(problem.layout.n_state) if i not in inside]
     growth = growth.where_finite()
     h = data[1][:, None, None] / 2
-    pushes = h * (local.transition[:, :, :n_own] @ growth.left)
-    pushes[:, :n_own] += h * growth.right
+    pushes = growth.moved(local, data[1])
     moved = pushes - local.measured @ growth.outputs
     loose = pushes + h * ((free.transition - local.transition)[:, :, :n_own] @ growth.left)
     eta = np.zeros((n_state, n_all + n_sizes))

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from cartpend_dae.discover.attempts import each
-from cartpend_dae.discover.choice import SAME, SHAPE, are_parallel, ordered_by_bic, second
+from cartpend_dae.discover.choice import SAME, SHAPE, are_parallel, ordered_by_bic, rounded_first, second
 from cartpend_dae.discover.disturbed import judge, ordered, penalty
 from cartpend_dae.discover.evidence import bic, coloured_bic
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.predicted import trials
 from cartpend_dae.discover.records import Candidate
-from cartpend_dae.discover.screen import screen
+from cartpend_dae.discover.screen import is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.effects import Insertion
@@ -24,6 +24,8 @@ from cartpend_dae.identify import Fit
 WIDE, MIDDLE, NARROW, EARLY, LATER = 10, 8, 4, 6, 10
 # against random forces: so many are fitted, of those that promise this share of what they must gain
 FEW, HALF = 5, 0.5
+# so many where one is only to be confirmed
+RIVALS = 3
 # where no effect explains this share of chi2, the injection hides what is missing
 HIDDEN = 0.1
 # as many others are fitted as well where their prediction is behind by less than this share, be it that of the same
@@ -49,7 +51,7 @@ def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
     if rules.regime == "disturbances":
         return trials(bench, base.taken, base.fit, options, rules.sd)
     if rules.regime == "forces":
-        return _weighed_trials(bench, base, rules, options)
+        return weighed_trials(bench, base, rules, options)
     stage, screened = _screened_where_it_shows(bench, base, rules, options)
     possible = [c for c in screened if not c.why_not]
     rest = [c for c in screened if c.why_not]
@@ -57,6 +59,7 @@ def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
         return [replace(c, why_not=_promises_little(c, base.fits[stage])) for c in possible] + rest
     wide = [c for c in possible[:WIDE] if c.predicted > FAINT * possible[0].predicted]
     wide += _as_well(wide, possible[WIDE:])
+    wide += [c for c in possible if c not in wide and _is_simple(c) and any(_is_richer(other, c) for other in wide)]
     rest += [replace(c, why_not="others promise more") for c in possible if c not in wide]
     for candidate in wide:
         bench.expect(candidate.parameters)
@@ -67,7 +70,8 @@ def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
     rest += [replace(c, fit=None, why_not="others explain more at the first stage") for c in ranked if c not in few]
     judged = _judged(bench, base, rules, few)
     complete = [c for c in judged if c.fit is not None]
-    return ordered_by_bic(bench, complete, base, rules) + [c for c in judged if c.fit is None] + rest
+    ranked = rounded_first(ordered_by_bic(bench, complete, base, rules))
+    return ranked + [c for c in judged if c.fit is None] + rest
 
 
 def _as_well(first: list[Candidate], others: list[Candidate]) -> list[Candidate]:
@@ -128,28 +132,38 @@ def _is_simple(candidate: Candidate) -> bool:
     return len(candidate.insertion.parameter_names) == 1
 
 
-def _weighed_trials(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]) -> list[Candidate]:
+def weighed_trials(
+    bench: Workbench, base: Base, rules: Rules, options: list[Insertion], rival: str = ""
+) -> list[Candidate]:
+    """Screen all against random forces, fit the most promising, and judge.
+
+    Where only a `rival` (the prefix of an effect) is to be confirmed, it is fitted with the first few others, each from
+    one start.
+    """
     fit, weighed = base.fit, base.weighed
     assert weighed is not None
     screened = screen(bench, base.taken, fit.point, options, float(fit.bandwidth[0]), rules.sd, weighed=weighed)
     cost = penalty(len(options))
     possible = [c for c in screened if not c.why_not]
     possible.sort(key=lambda c: len(c.insertion.size_names) * cost - c.predicted)
-    few = _unlike([c for c in possible if c.predicted > HALF * cost * len(c.insertion.size_names)])[:FEW]
-    few += [c for c in possible if c not in few and any(_is_richer(c, other) for other in few)]
+    few = _unlike([c for c in possible if c.predicted > HALF * cost * len(c.insertion.size_names)])
+    few = few[: RIVALS if rival else FEW]
+    few += [c for c in possible if c not in few and c.insertion.prefix == rival]
+    richer_than = [c for c in few if not rival or c.insertion.prefix == rival]
+    few += [c for c in possible if c not in few and any(_is_richer(c, other) for other in richer_than)]
     rest = [c for c in screened if c.why_not]
     rest += [replace(c, why_not="others promise more") for c in possible if c not in few]
     for candidate in few:
         bench.expect(candidate.parameters)
     judged = each(
         bench,
-        _with_others(few),
+        few if rival else _with_others(few),
         lambda at, c: judge(at, base.taken, rules.loads, (fit, weighed), c, rules.sd, len(options)),
         "last fit",
     )
     judged = _best_of_each(judged, lambda c: -c.gain)
     found = [c for c in judged if c.fit is not None]
-    return ordered(found, second) + [c for c in judged if c.fit is None] + rest
+    return rounded_first(ordered(found, second)) + [c for c in judged if c.fit is None] + rest
 
 
 def _with_others(candidates: list[Candidate]) -> list[Candidate]:
@@ -215,6 +229,7 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate]) ->
     few.sort(key=lambda c: bic(c.fit) if c.fit else np.inf)
     simple = [c for c in few[NARROW:] if _is_simple(c)]
     near = [c for c in few[:NARROW] + simple if c.fit and c.fit.chi2 - c.fit.n_residuals <= BEHIND * least]
+    near += [c for c in few if _is_simple(c) and c not in near and any(_may_be_rounded(c, other) for other in near)]
     found += [replace(c, fit=None, why_not="others explain more at the next stage") for c in few if c not in near]
     few = near
     for count in sorted({len(c.insertion.parameter_names) for c in few}):
@@ -225,6 +240,11 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate]) ->
             continue
         found += each(bench, these, lambda at, candidate: _judge(at, base, rules, candidate), "last fit")
     return found
+
+
+def _may_be_rounded(plain: Candidate, best: Candidate) -> bool:
+    """Return whether a law of dry friction is the plain one of another, which as fitted is weaker at rest."""
+    return best.fit is not None and bool(best.insertion.contradiction(best.fit.values)) and is_other_law(plain, best)
 
 
 def _leaves_noise(candidate: Candidate) -> bool:

@@ -1,6 +1,6 @@
 """The catalogue of effects that a model can lack, and their insertion into any model."""
 
-from cartpend_dae.effects.card import Card, EffectParameter, choice, level, shape, size
+from cartpend_dae.effects.card import Card, EffectParameter, choice, level, shape, size, wave_number
 from cartpend_dae.effects.catalogue import catalogue
 from cartpend_dae.effects.insert import Insertion, insert, insert_all, insertion_at
 from cartpend_dae.effects.places import Place, fits, places
@@ -20,4 +20,5 @@ __all__ = [
     "places",
     "shape",
     "size",
+    "wave_number",
 ]

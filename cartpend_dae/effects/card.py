@@ -12,12 +12,14 @@ from cartpend_dae.library import electrical, rotational, translational
 
 Kind = type[Port] | None
 Manner = Literal["parallel", "series", "law", "sensor", "input"]
-Role = Literal["size", "shape", "choice"]
+Role = Literal["size", "shape", "wave", "choice"]
 
 R, T, E = rotational.Flange, translational.Flange, electrical.Pin
 KINDS: tuple[Kind, ...] = (R, T, E, None)
 # a positive shape is looked for within this factor of the values that it is tried from
 SPAN = 20.0
+# and a wave number, of which many are tried, within this one
+WAVES = 200.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +27,8 @@ class EffectParameter:
     """A parameter of an effect by kind of port: its name, bounds and the values to start from, in SI.
 
     A `size` starts at 0, where the effect is absent. A `shape` has no meaning there, and starts at each of its
-    values in turn. A `choice` is a structural number, such as that of teeth: it is tried, and not estimated.
+    values in turn. A `wave` is the wave number of an effect that repeats along the way: a shape of which many more are
+    tried. A `choice` is a structural number, such as that of teeth: it is tried, and not estimated.
     """
 
     names: Mapping[Kind, str]
@@ -43,7 +46,8 @@ class EffectParameter:
         starts = self.starts_at(kind)
         if self.role == "size" or min(starts) <= 0:
             return self.lower, self.upper
-        return max(self.lower, min(starts) / SPAN), min(self.upper, max(starts) * SPAN)
+        span = WAVES if self.role == "wave" else SPAN
+        return max(self.lower, min(starts) / span), min(self.upper, max(starts) * span)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +94,8 @@ class Card:
     takes
         {parameter: that of the host from which it takes its value}, by kind of port. Where a host has them all, its
         law is another one than that of what moves alike, and it is a place of its own.
+    along
+        Of an effect with a wave number: its own variable along which it repeats, by kind of port.
     peaks
         {parameter: another one that it is not below}, or the law is not what the effect is called.
     """
@@ -113,6 +119,7 @@ class Card:
     units: tuple[str, ...] = ()
     is_linear: bool = True
     takes: Mapping[Kind, Mapping[str, str]] = field(default_factory=dict)
+    along: Mapping[Kind, str] = field(default_factory=dict)
     peaks: Mapping[str, str] = field(default_factory=dict)
 
     def starts(self, kind: Kind) -> tuple[dict[str, float], ...]:
@@ -145,6 +152,19 @@ def shape(
     """Return a parameter that only has a meaning where the effect is; `at_point` is its name and starts on a line."""
     other, values = at_point or (name, starts)
     return EffectParameter(_names(name, other), lower, upper, "shape", _starts(starts, values))
+
+
+def wave_number(
+    name: str,
+    starts: tuple[float, ...],
+    at_point: tuple[str, tuple[float, ...]] | None = None,
+    *,
+    lower: float = -np.inf,
+    upper: float = np.inf,
+) -> EffectParameter:
+    """Return a shape that says how often an effect repeats per way [rad per unit of the way]."""
+    other, values = at_point or (name, starts)
+    return EffectParameter(_names(name, other), lower, upper, "wave", _starts(starts, values))
 
 
 def choice(

@@ -1,6 +1,6 @@
 """Friction that a joint can have."""
 
-from cartpend_dae.effects.card import Card, R, T, choice, level, shape, size
+from cartpend_dae.effects.card import Card, R, T, choice, level, shape, size, wave_number
 from cartpend_dae.library import (
     rotational,
     rotational_links,
@@ -111,8 +111,9 @@ def friction_cards() -> tuple[Card, ...]:
                 level("tau_c", "f_c"),
                 size("tau_c_sin", "f_c_sin"),
                 size("tau_c_cos", "f_c_cos"),
-                shape("n", (1.0, 4.0), ("k", (15.0, 60.0))),
+                wave_number("n", (1.0, 4.0), ("k", (15.0, 60.0))),
             ),
+            along={R: "phi_rel", T: "s_rel"},
             dissipative=True,
             nested_in=(),
             equivalent_to={},

@@ -1,6 +1,6 @@
 """Gears and wheels that are not ideal."""
 
-from cartpend_dae.effects.card import Card, R, choice, level, size
+from cartpend_dae.effects.card import Card, R, level, shape, size, wave_number
 from cartpend_dae.library import kinematic_errors, rotational, rotational_links, rotational_parts
 
 WHEELS = (rotational.IdealGear, rotational.IdealGearR2T, rotational.Sprocket, rotational_parts.IdealRollingWheel)
@@ -31,8 +31,9 @@ def kinematic_cards() -> tuple[Card, ...]:
             parameters=(
                 size("e_sin", lower=-0.5, upper=0.5),
                 size("e_cos", lower=-0.5, upper=0.5),
-                choice("n", (1.0,)),
+                wave_number("n", (1.0,)),
             ),
+            along={R: "flange_a.phi"},
             dissipative=False,
             nested_in=(),
             equivalent_to={},
@@ -46,7 +47,12 @@ def kinematic_cards() -> tuple[Card, ...]:
             summary="a chain that lies on its sprocket as a polygon",
             insertion="series",
             components={R: kinematic_errors.ChainPolygon},
-            parameters=(size("e", lower=-5.0, upper=5.0), choice("N", (12.0, 15.0, 20.0))),
+            parameters=(
+                size("e", lower=-5.0, upper=5.0),
+                wave_number("N", (12.0, 15.0, 20.0), lower=3.0),
+                shape("psi", (0.0, 0.25), lower=-1.0, upper=1.0),
+            ),
+            along={R: "flange_a.phi"},
             dissipative=False,
             nested_in=(),
             equivalent_to={},

@@ -1,6 +1,6 @@
 """Forces and torques from outside."""
 
-from cartpend_dae.effects.card import Card, R, T, choice, level, shape, size
+from cartpend_dae.effects.card import Card, R, T, choice, level, size, wave_number
 from cartpend_dae.library import rotational, rotational_loads, rotational_losses, translational, translational_loads
 
 
@@ -77,7 +77,8 @@ def load_cards() -> tuple[Card, ...]:
             summary="weight on a rail that is not straight",
             insertion="parallel",
             components={T: translational_loads.RailUnevenness},
-            parameters=(size("f_sin"), size("f_cos"), shape("k", (8.0, 30.0))),
+            parameters=(size("f_sin"), size("f_cos"), wave_number("k", (8.0, 30.0))),
+            along={T: "s_rel"},
             dissipative=False,
             nested_in=(),
             equivalent_to={"constant_load": "ways that are short against the wave: its cosine part"},

@@ -1,6 +1,6 @@
 """What goes wrong between a quantity and its record."""
 
-from cartpend_dae.effects.card import Card, choice, level, size
+from cartpend_dae.effects.card import Card, choice, level, size, wave_number
 from cartpend_dae.library import signal_errors, signals
 
 
@@ -38,7 +38,11 @@ def sensor_cards() -> tuple[Card, ...]:
             summary="an error of a sensor that repeats with each turn",
             insertion="sensor",
             components={None: signal_errors.SensorNonlinearity},
-            parameters=(size("a_1_sin"), size("a_1_cos"), size("a_2_sin"), size("a_2_cos"), choice("k", (1.0,))),
+            parameters=(
+                *(size(name) for name in ("a_1_sin", "a_1_cos", "a_2_sin", "a_2_cos")),
+                wave_number("k", (1.0,)),
+            ),
+            along={None: "u"},
             dissipative=False,
             nested_in=(),
             equivalent_to={},

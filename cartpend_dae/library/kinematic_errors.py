@@ -47,14 +47,17 @@ class ChainPolygon(UnevenWheel):
     """Chain that lies on a sprocket as a polygon, r = r_0 (1 + e (cos(a)/m - 1)), m = sin(pi/N) N/pi.
 
     a runs from -pi/N to pi/N over each of the N teeth; e = 1 is the ideal polygon, e = 0 a circle.
-    phi_b = phi_a - p, p' = r/r_0 - 1, a = phi_a - (2 pi/N) (floor(phi_a N/(2 pi)) + 1/2).
+    phi_b = phi_a - p, p' = r/r_0 - 1, a = phi - (2 pi/N) (floor(phi N/(2 pi)) + 1/2), phi = phi_a + psi 2 pi/N.
+    Both angles are 0 together.
     """
 
     e: Param = param(unit="1", default=0.0, doc="share of the ideal polygon")
     N: Param = param(unit="1", default=15.0, min=3, doc="number of teeth")
+    psi: Param = param(unit="1", default=0.0, doc="where the first tooth begins before the angle 0, in pitches")
 
     def equations(self) -> Statements:
-        pitch = 2 * pi / self.N
-        a = self.flange_a.phi - pitch * (ca.floor(self.flange_a.phi / pitch) + 0.5)
-        mean = ca.sin(pi / self.N) * self.N / pi
-        yield from self.differing_by(self.e * (ca.sin(a) / mean - a), self.e * (ca.cos(a) / mean - 1))
+        pitch, mean = 2 * pi / self.N, ca.sin(pi / self.N) * self.N / pi
+        teeth = self.flange_a.phi / pitch + self.psi
+        a, at_zero = (pitch * (count - ca.floor(count) - 0.5) for count in (teeth, self.psi))
+        error = ca.sin(a) / mean - a - (ca.sin(at_zero) / mean - at_zero)
+        yield from self.differing_by(self.e * error, self.e * (ca.cos(a) / mean - 1))

@@ -1,0 +1,211 @@
+"""Slopes along the samples of runs: of the model's own step, and of its motion by the sizes of effects."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from cartpend_dae.along import AllTimes
+from cartpend_dae.problem import Problem
+from cartpend_dae.shooting import carried_on
+from cartpend_dae.system import Frictions, System
+from cartpend_dae.transcribe import sample_step
+
+# sensitivities beyond this are those of an effect whose own states ran away
+LOST = 1e30
+
+
+@dataclass(frozen=True, slots=True)
+class Local:
+    """Derivatives from each sample to the next: in states, parameters, measured values; and those of the error."""
+
+    transition: np.ndarray
+    theta: np.ndarray
+    measured: np.ndarray
+    error: np.ndarray
+    error_theta: np.ndarray
+
+
+def local_slopes(
+    problem: Problem,
+    system: System,
+    inside: list[int],
+    values: np.ndarray,
+    w: np.ndarray,
+    data: np.ndarray,
+    states: np.ndarray,
+) -> Local:
+    """Differentiate the step between samples, in which the sizes are the number 0 and states of the effects inputs."""
+    own = [i for i in range(system.x.numel()) if i not in inside]
+    reduced = _reduced(system, own, inside)
+    layout = replace(problem.layout, system=reduced)
+    n_x, n_y, n_p = layout.n_state, len(layout.outputs), len(layout.slots)
+    n_u, n_inner = system.u.numel(), len(inside)
+    theta, gain, x = ca.SX.sym("theta", n_p), ca.SX.sym("w", n_y), ca.SX.sym("x", n_x)
+    column = ca.SX.sym("data", 2 + 2 * (n_u + n_inner) + 2 * n_y)
+    x_next, error = sample_step(layout, theta, gain, x, column)
+    first = 2 + 2 * (n_u + n_inner)
+    jacobian = ca.jacobian(ca.vertcat(x_next, error), ca.vertcat(x, theta, column[first : first + n_y]))
+    function = ca.Function("local", [ca.vertcat(theta, gain), x, column], [ca.densify(jacobian)], {"cse": True})
+    n = data.shape[1]
+    inner = states[inside]
+    after = np.hstack([inner[:, 1:], inner[:, -1:]])
+    rows = np.vstack([data[: 2 + n_u], inner, data[2 + n_u : 2 + 2 * n_u], after, data[2 + 2 * n_u :]])
+    carried = np.repeat(carried_on(problem, values, w), problem.layout.length, axis=1)
+    kept = [*own, *range(system.x.numel(), states.shape[0])]
+    found = np.asarray(function.map(n)(carried, states[kept], rows))
+    found = found.reshape(n_x + n_y, n, n_x + n_p + n_y).transpose(1, 0, 2)
+    parts = np.split(found, [n_x, n_x + n_p], axis=2)
+    return Local(parts[0][:, :n_x], parts[1][:, :n_x], parts[2][:, :n_x], parts[0][:, n_x:], parts[1][:, n_x:])
+
+
+def _reduced(system: System, own: list[int], inside: list[int]) -> System:
+    """Return a system whose states inside effects are inputs after its own."""
+    place = {state: position for position, state in enumerate(own)}
+    relations = {
+        name: replace(relation, state=place[relation.state])
+        for name, relation in system.state_relations.items()
+        if relation.state in place
+    }
+    return replace(
+        system,
+        states=tuple(system.states[i] for i in own),
+        x=system.x[own, 0],
+        ode=system.ode[own, 0],
+        inputs=(*system.inputs, *(system.states[i] for i in inside)),
+        u=ca.vertcat(system.u, system.x[inside, 0]),
+        state_relations=relations,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Growth:
+    """df/ds at both ends of the interval after each sample, (n, n_own, n_sizes), and dh/ds, (n, n_y, n_sizes)."""
+
+    left: np.ndarray
+    right: np.ndarray
+    outputs: np.ndarray
+
+    def moved(self, local: Local, width: np.ndarray) -> np.ndarray:
+        """Return what each size adds to the states until the next sample, (n, n_state, n_sizes); `width` is (n,)."""
+        n_own, h = self.left.shape[1], width[:, None, None] / 2
+        pushes = h * (local.transition[:, :, :n_own] @ self.left)
+        pushes[:, :n_own] += h * self.right
+        return pushes
+
+    def where_finite(self) -> "Growth":
+        """Return the same with zeros for the sizes whose effects are lost somewhere."""
+        parts = (self.left, self.right, self.outputs)
+        lost = ~np.all(
+            [np.isfinite(part).all(axis=(0, 1)) & (np.abs(part) < LOST).all(axis=(0, 1)) for part in parts], axis=0
+        )
+        return Growth(*(np.where(lost, 0.0, part) for part in parts))
+
+
+@dataclass(frozen=True)
+class Along:
+    """A simulation with effects in it that are not felt: the states, whose own are `inside` effects, at the samples."""
+
+    problem: Problem
+    system: System
+    inside: list[int]
+    values: np.ndarray
+    data: np.ndarray
+    states: np.ndarray
+
+    @property
+    def own(self) -> list[int]:
+        """States of the model without the effects."""
+        return [i for i in range(self.system.x.numel()) if i not in self.inside]
+
+    @cached_property
+    def parameters(self) -> np.ndarray:
+        """The parameters at all samples, shape (n_p, n)."""
+        layout = self.problem.layout
+        each = [np.asarray(self.problem.functions.parameters(self.values[owners])) for owners in layout.owners]
+        return np.hstack(each)[:, np.repeat(layout.runs, layout.length)]
+
+    def of(self, name: str) -> np.ndarray:
+        """Return a variable at all samples (n,)."""
+        s = self.system
+        shown = ca.substitute(s.outputs[s.index_of(name), 0], s.frictions.force, sliding_force(s.frictions))
+        return at_both_ends(self, shown)[0].ravel()
+
+
+@dataclass(frozen=True, slots=True)
+class Slopes:
+    """What sizes do at once, (n_own + n_y, n_sizes) and in the algebraic equations, and how much of that comes through.
+
+    The whole is `direct` - `through` @ `hidden`; `through` (n_own + n_y, n_z) does not depend on the sizes' shapes.
+    """
+
+    direct: ca.SX
+    hidden: ca.SX
+    through: ca.SX
+
+
+def slopes_of(along: Along, names: tuple[str, ...]) -> Slopes:
+    """Return how fast each size would move the states, and how it would change the outputs, at one instant."""
+    s = along.system
+    sizes = s.p[[s.parameter_index(name) for name in names], 0]
+    # a friction of the model that is one with those of effects slides at a level that their sizes change
+    ode, alg, outputs = ca.substitute(
+        [s.ode[along.own, 0], s.alg, s.outputs[list(along.problem.layout.outputs), 0]],
+        [s.frictions.force],
+        [sliding_force(s.frictions)],
+    )
+    both = ca.vertcat(ode, outputs)
+    turned = ca.solve(ca.jacobian(alg, s.z).T, ca.densify(ca.jacobian(both, s.z)).T).T if s.z.numel() else ca.SX()
+    through = turned if s.z.numel() else ca.SX.zeros(both.numel(), 0)
+    return Slopes(ca.jacobian(both, sizes), ca.jacobian(alg, sizes), through)
+
+
+def at_both_ends(along: Along, table: ca.SX, *further: tuple[ca.SX, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Evaluate a table of what holds at an instant at both ends of the interval after each sample, (n, *table.shape).
+
+    `further` are other symbols in it and their values (n_values,).
+    """
+    s, data, states = along.system, along.data, along.states
+    symbols = [s.time, s.x, s.z, s.u, s.p, *(symbol for symbol, _ in further)]
+    evaluate = AllTimes(ca.Function("table", symbols, [ca.vec(ca.densify(table))], {"cse": True}))
+    n, n_u, n_x = data.shape[1], s.u.numel(), s.x.numel()
+    begin = data[0], states, data[2 : 2 + n_u]
+    end = data[0] + data[1], np.hstack([states[:, 1:], states[:, -1:]]), data[2 + n_u : 2 + 2 * n_u]
+    fixed = along.parameters, *(values for _, values in further)
+    left, right = (
+        evaluate((t[None], x[:n_x], x[n_x:], u, *fixed), n).reshape(n, *table.shape[::-1]).transpose(0, 2, 1)
+        for t, x, u in (begin, end)
+    )
+    return left, right
+
+
+def growth_of(along: Along, names: tuple[str, ...]) -> Growth:
+    """Evaluate the slopes in sizes at all samples."""
+    found = slopes_of(along, names)
+    whole = found.direct - found.through @ found.hidden if along.system.z.numel() else found.direct
+    left, right = at_both_ends(along, whole)
+    n_own = len(along.own)
+    return Growth(left[:, :n_own], right[:, :n_own], left[:, n_own:])
+
+
+def roughness(growth: "Growth") -> np.ndarray:
+    """Return by how much df/ds changes between samples, relative to itself, for each size; infinite if it is lost."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        change = np.sqrt(np.mean((growth.right - growth.left) ** 2, axis=0))
+        whole = np.sqrt(np.mean(growth.left**2, axis=0))
+        ratio = np.where(whole > 0, change / np.maximum(whole, 1e-300), 0.0).max(axis=0)
+        size = np.abs(growth.left).max(axis=(0, 1)) + np.abs(growth.outputs).max(axis=(0, 1))
+    return np.where(np.isfinite(ratio) & (size < LOST), ratio, np.inf)
+
+
+def sliding_force(f: Frictions) -> ca.SX:
+    """Return the force of each dry friction while it slides."""
+    return ca.if_else(f.speed > 0, f.level_pos, -f.level_neg) * ca.fabs(ca.sign(f.speed))
+
+
+def basis_of(columns: np.ndarray, least: float = 1e-10) -> np.ndarray:
+    """Return an orthonormal basis of what the parameters fitted already can move; directions below `least` are none."""
+    size = np.linalg.norm(columns, axis=0)
+    vectors, values, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
+    return vectors[:, values > least * values.max(initial=0.0)]

@@ -1,0 +1,82 @@
+"""Shapes that are found along one simulation are those that a linearisation at each of them would find."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cartpend_dae import simulate
+from cartpend_dae.data import Channel, Experiment, Start
+from cartpend_dae.discover.records import FreeSpec, Setup
+from cartpend_dae.discover.screen import screen
+from cartpend_dae.discover.slopes import basis_of
+from cartpend_dae.discover.sweep import sweep
+from cartpend_dae.discover.workbench import Workbench
+from cartpend_dae.effects import insert, insertion_at
+from models.linear_damp_mod import LinearDampMod
+from models.rota_damp import RotaDamp
+
+CASES = {
+    "wave of a rail": (
+        LinearDampMod(), "encoder.s", "m", {}, ("rail.d",),
+        ("rail_unevenness", "rail", {"k": 8.0}, {"f_sin": 0.3, "f_cos": -0.2, "k": 71.0}, "k", 0.08),
+    ),
+    "error of an encoder": (
+        LinearDampMod(), "encoder.s", "m", {}, ("rail.d",),
+        ("sensor_nonlinearity", "encoder.s", {"k": 1.0}, {"a_1_sin": 1e-4, "a_2_cos": 6e-5, "k": 61.0}, "k", 0.08),
+    ),
+    "place of a stop": (
+        RotaDamp(), "bearing.phi", "rad", {"bearing.phi": 1.0, "bearing.w": 0.0}, ("bearing.d",),
+        ("end_stop", "bearing", {"phi_m": 0.1, "side": 1.0}, {"c": 0.02, "phi_m": 0.6}, "phi_m", 0.3),
+    ),
+}  # fmt: skip
+
+
+def bench_of(name):
+    model, output, unit, start, free, (effect, at, first, hidden, *_) = CASES[name]
+    run = simulate(insert(model, effect, at, **hidden), 6.0, points=601, start=start)
+    read = f"{output}.{effect}.y" if effect.startswith("sensor") else output
+    noisy = run[read] + 1e-5 * np.random.default_rng(0).standard_normal(run.time.size)
+    channels = {output: Channel(noisy, "zoh", 1e-5, unit, 0.0)}
+    begin = {key: Start(value, False) for key, value in start.items()}
+    experiment = Experiment("run", "train", run.time, {}, channels, begin, "free", None)
+    setup = Setup(model, tuple(FreeSpec(q) for q in free), (experiment,), (), ())
+    return Workbench(setup, lambda *_: None), insertion_at(model, effect, at, first)
+
+
+def explained(found, option):
+    """Squares of the residual that the sizes of an effect explain, by a projection without products of columns."""
+    columns = np.column_stack([found.sizes[name] for name in option.size_names])
+    known = basis_of(found.base)
+    whole = basis_of(np.column_stack([found.base, columns]))
+    return np.sum((whole.T @ found.residual) ** 2) - np.sum((known.T @ found.residual) ** 2)
+
+
+@pytest.mark.parametrize("name", list(CASES))
+def test_the_shape_found_is_the_hidden_one_and_better_than_its_neighbours(name):
+    bench, option = bench_of(name)
+    *_, (_, _, _, hidden, shape, near) = CASES[name]
+    sd = bench.problem(()).prior_sd
+    (again,) = sweep(bench, (), (option,), {}, 20.0, sd, with_shapes=True).again
+    best = again.values[shape]
+    assert best == pytest.approx(hidden[shape], rel=near)
+
+    def at(value):
+        one = replace(option, values={**option.values, shape: value})
+        return explained(sweep(bench, (), (one,), {}, 20.0, sd), one)
+
+    assert at(best) > max(at(0.8 * best), at(1.25 * best), at(option.values[shape]))
+
+
+def test_an_effect_at_another_start_of_its_shape_is_not_scanned_again():
+    bench, option = bench_of("wave of a rail")
+    other = replace(option, values={"k": 30.0})
+    assert sweep(bench, (), (other,), {}, 20.0, bench.problem(()).prior_sd, with_shapes=True).again == ()
+
+
+def test_a_wave_number_is_found_by_the_screen():
+    bench, option = bench_of("wave of a rail")
+    (candidate,) = screen(bench, (), {}, [option], 20.0, bench.problem(()).prior_sd)
+    assert candidate.insertion.values["k"] == pytest.approx(71.0, rel=0.08)
+    size = np.hypot(*(candidate.parameters[f"rail.rail_unevenness.{name}"] for name in ("f_sin", "f_cos")))
+    assert size == pytest.approx(np.hypot(0.3, 0.2), rel=0.3)
