@@ -62,11 +62,11 @@ def describe_alias(app: object, what: str, name: str, obj: object, options: obje
 
 
 def break_names(app: object, page: str, template: str, context: dict[str, object], doctree: object) -> None:
-    """Let long names in code break beside a dot, a low line or a stroke where a phone has no room for them."""
+    """Let long names in code and in tables break beside a dot, a low line or a stroke where a phone has no room."""
     body = context.get("body")
     if isinstance(body, str):
         broken = re.compile(r"(?<=[A-Za-z0-9)\]])(?:\.(?=[A-Za-z_]{3})|_(?=[A-Za-z]))|/(?=[A-Za-z_])")
-        spans = re.compile(r'(<span class="pre">)([^<]+)(?=</span>)')
+        spans = re.compile(r'(<span class="pre">|<td[^>]*><p>)([^<\s]+)(?=</span>|</p>)')
         context["body"] = spans.sub(lambda found: found[1] + broken.sub(r"\g<0><wbr>", found[2]), body)
 
 
