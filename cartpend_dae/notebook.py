@@ -1,6 +1,7 @@
 """What is shown of a result: in a notebook pieces of HTML, tables and curves; at a prompt a few lines of text."""
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from html import escape
 
@@ -35,7 +36,7 @@ def lines(title: str, rows: Sequence[Sequence[str]], notes: Iterable[str] = ()) 
 
 
 def _cell(text: str) -> str:
-    return text if isinstance(text, Html) else escape(text)
+    return text if isinstance(text, Html) else re.sub("`([^`]+)`", r"<code>\1</code>", escape(text))
 
 
 def sparkline(values: Sequence[float]) -> Html:

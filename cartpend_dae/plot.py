@@ -91,7 +91,8 @@ def _(result: Trajectory, axes: Axes | None = None, *, names: Sequence[str] = ()
 
 
 def _over_time(axes: Axes, label: str, has_legend: bool) -> Axes:
-    axes.set_xlabel("time [s]")
+    if axes.xaxis.get_tick_params().get("labelbottom", True):  # not where a panel below has the same times
+        axes.set_xlabel("time [s]")
     axes.set_ylabel(label)
     axes.margins(x=0.01)
     if has_legend:
@@ -225,8 +226,12 @@ def _(result: Discovery, axes: Axes | None = None) -> Axes:
     axes.axvline(1, color=MEASURED, lw=1, ls=":")
     axes.set_xlabel("rmse / noise of the sensor")
     if rows:
-        axes.legend(frameon=False, fontsize=9)
+        _legend_above(axes)
     return axes
+
+
+def _legend_above(axes: Axes) -> None:
+    axes.legend(frameon=False, fontsize=9, ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.0)
 
 
 @plot.register
@@ -262,7 +267,7 @@ def _(result: Ranking, axes: Axes | None = None) -> Axes:
     axes.set_ylim(len(shown) - 0.4, -0.6)
     axes.set_xscale("log")
     axes.set_xlabel("standard deviation that would be left [%]")
-    axes.legend(frameon=False, fontsize=9)
+    _legend_above(axes)
     return axes
 
 

@@ -288,7 +288,7 @@ class ExperimentSpec:
 
 @dataclass(frozen=True, slots=True, config=_TABLE)
 class IdentifySpec:
-    """Options of the estimation, see `identify.estimate`; None leaves the choice to it.
+    """Options of the estimation, see `identify.estimate`; it chooses what is absent.
 
     Residuals beyond `huber` standard deviations count linearly. With several `starts` the fit begins from as many
     points within the bounds, the guesses first. `exact`: whether it ends on the exact form of friction and events.
@@ -306,7 +306,7 @@ class IdentifySpec:
 
 @dataclass(frozen=True, slots=True, config=_TABLE)
 class DiscoverSpec:
-    """Options of the search for missing effects; None for `include` or `places` means all of them.
+    """Options of the search for missing effects; without `include` or `places` all are tried.
 
     `cards` are Python files with effects of the user's own.
     """

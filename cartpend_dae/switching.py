@@ -124,7 +124,7 @@ def noevent(condition: ca.SX) -> NoEvent:
 
 
 def sample(period: Expression, offset: Expression = 0.0) -> ca.SX:
-    """Return a condition for `when` that is true at the times offset, offset + period, offset + 2 period ... [s]."""
+    """Return a condition for `when` that is true at the times offset + k period [s], k = 0, 1, 2 and so on."""
     collector = collector_of("sample")
     pulse = ca.SX.sym("sample")
     collector.clocks.append(Clock(pulse, ca.SX(period), ca.SX(offset)))

@@ -5,6 +5,7 @@ table of files into docs/architecture.md; tests/test_docs.py fails where it is n
 """
 
 import ast
+import re
 from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
@@ -84,7 +85,8 @@ def _paragraph(text: str) -> str:
     """Return a paragraph of a docstring as Markdown: a drawing as it is, else text whose stars are stars."""
     if text.startswith("    "):
         return f"```text\n{text}\n```\n"
-    return text.replace("*", r"\*") + "\n"
+    whole = re.sub(r"(?<=\s)(\+?-)(?=[\w(])", "\\1\u2060", text)  # a sign stays with what it is the sign of
+    return whole.replace("*", r"\*") + "\n"
 
 
 def commands_page() -> str:
@@ -94,6 +96,8 @@ def commands_page() -> str:
         command = loaded(name)
         text = get_docs_for_click(obj=command, ctx=Context(command, info_name=f"cartpend {name}"), name=name)
         text = text.replace(command.epilog, f"Example: `{COMMANDS[name].example}`")
+        text = re.sub(r" <list\[\w+\]>`", "...`", text).replace(" range>`", ">`")
+        text = re.sub(r"(`[A-Z]+) <(?:str|path)>`", r"\1`", text)  # what an argument is stands beside it
         parts.append(f"#{text}".replace("```console\n$ ", "```console\n$ cartpend "))
     return "\n".join(parts)
 
@@ -154,7 +158,7 @@ def _kind(entry: dict[str, Any], titles: dict[str, str]) -> str:
     if "anyOf" in entry:
         return " or ".join(_kind(one, titles) for one in entry["anyOf"] if one.get("type") != "null")
     if "enum" in entry:
-        return ", ".join(f"`{value}`" for value in entry["enum"])
+        return ", ".join(f"`{value}`" if value.strip(".,' ") else f'`"{value}"`' for value in entry["enum"])
     if entry.get("type") == "array":
         return f"list of {_kind(entry['items'], titles)}" if "items" in entry else "two values"
     if entry.get("type") == "object":

@@ -102,7 +102,7 @@ def test_a_fit_and_a_discovery_show_their_numbers():
     fit = found.search.final._repr_html_()
     assert "bearing.coulomb_friction.tau_c" in fit and "0.015016 ± 0.000022" in fit
     shown = found._repr_html_()
-    assert "RotaDamp: explained, added `bearing.coulomb_friction`" in shown
+    assert "RotaDamp: explained, added <code>bearing.coulomb_friction</code>" in shown
     assert "2.17 deg" in shown and "0.0602 deg" in shown and shown.count("<tr>") == 4
 
 

@@ -40,8 +40,8 @@ def check_fmu(
 
 @spoken
 def crosscheck(
-    fmu: Annotated[Path, typer.Argument(help="An FMU, or a list of standing checks (FILE.toml).")],
-    model: Annotated[str | None, typer.Argument(help="The model (FILE.py or FILE.py:Class).")] = None,
+    fmu: Annotated[Path, typer.Argument(metavar="FMU", help="An FMU, or a list of standing checks (FILE.toml).")],
+    model: Annotated[str | None, typer.Argument(metavar="MODEL", help="The model (FILE.py or FILE.py:Class).")] = None,
     map_: Annotated[list[str] | None, typer.Option("--map", metavar="FMU=MODEL", help="A name in both.")] = None,
     tube: Annotated[float, typer.Option(min=1e-12, help="Half height of the tube, as part of each range.")] = 0.002,
     stop: Annotated[float | None, typer.Option(help="End of the run in seconds; else that of the FMU.")] = None,
@@ -88,7 +88,7 @@ def crosscheck(
 
 @spoken
 def export_modelica(
-    model: Annotated[str, typer.Argument(help="The model (FILE.py or FILE.py:Class).")],
+    model: Annotated[str, typer.Argument(metavar="MODEL", help="The model (FILE.py or FILE.py:Class).")],
     out: Annotated[Path | None, typer.Option("-o", "--out", help="The file; default: NAME.mo.")] = None,
     name: Annotated[str | None, typer.Option(help="Name of the Modelica model; default: that of the class.")] = None,
     start: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="A start value [SI].")] = None,

@@ -18,7 +18,7 @@ from cartpend_dae.switching import assign, if_else, sample, when
 
 
 class Clock(Component):
-    """Clock, y = 1 at the instants offset, offset + period, offset + 2 period ..., and y = 0 otherwise."""
+    """Clock, y = 1 at the instants offset + k period, k = 0, 1, 2 and so on, and y = 0 otherwise."""
 
     y = signal("out", unit="1", doc="1 at a tick")
     period: Param = param(unit="s", min=0, doc="time between two ticks")

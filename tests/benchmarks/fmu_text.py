@@ -31,7 +31,7 @@ def section(results):
     return [
         *INTRODUCTION.format(**results).splitlines(),
         "",
-        f"Machine: {results['machine']}. {measured}, load average {results['load']:.1f} at the start.",
+        f"Machine: {results['machine']}; {measured}, load average {results['load']:.1f} at the start.",
         *busy(results["load"]),
         "",
         "| what | time |",

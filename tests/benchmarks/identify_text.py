@@ -19,7 +19,7 @@ def section(results):
     lines = [
         *INTRODUCTION.splitlines(),
         "",
-        f"Machine: {results['machine']}. {results['version']}, Python {results['python']}, CasADi {results['casadi']}, "
+        f"Machine: {results['machine']}; {results['version']}, Python {results['python']}, CasADi {results['casadi']}, "
         f"{results['date']}, load average {results['load']:.1f} at the start (the machine was shared: processor time "
         "counts, but GEKKO solves in a process of its own, whose time is in the wall time alone).",
         *_kept(results),

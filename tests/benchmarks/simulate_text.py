@@ -53,7 +53,7 @@ def section(results):
     return [
         *INTRODUCTION.format(**results).splitlines(),
         "",
-        f"Machine: {results['machine']}. {measured}, CasADi {results['casadi']}, {results['date']}, load average "
+        f"Machine: {results['machine']}; {measured}, CasADi {results['casadi']}, {results['date']}, load average "
         f"{results['load']:.1f} at the start.",
         *busy(results["load"]),
         "",

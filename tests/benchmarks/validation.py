@@ -109,7 +109,8 @@ def published_section():
     trace = published.rebuild()
     error = published.sums_of_squares(trace) / published.PUBLISHED_SSE - 1
     return [
-        "`python models/studies/published_pendulum.py` prints all rows; `docs/published_rig.md` says what was rebuilt.",
+        "`python models/studies/published_pendulum.py` prints all rows; [the published rig](published_rig.md) says "
+        "what was rebuilt.",
         "",
         f"18 published sums of squared errors: {100 * np.sqrt(np.mean(error**2)):.2f} % RMS, "
         f"{100 * np.abs(error).max():.2f} % at worst.",
