@@ -212,13 +212,13 @@ def test_a_result_is_kept_by_content_and_not_made_twice(loaded, tmp_path, monkey
 def test_a_new_table_takes_the_place_of_the_old_one(tmp_path):
     target = tmp_path / "validation.md"
     target.write_text("# Validation\n\n## First\n\nText.\n\n## Last\n")
-    put_into(target, ["old"])
-    put_into(target, ["new"])
+    put_into(target, "command", ["old"])
+    put_into(target, "command", ["new"])
     text = target.read_text()
     assert text.count(TITLE) == 1 and "old" not in text and "new" in text
     assert text.startswith("# Validation\n\n## First\n\nText.\n\n## Last\n")
     target.write_text(text + "\n## After\n\nMore.\n")
-    put_into(target, ["third"])
+    put_into(target, "command", ["third"])
     assert target.read_text().endswith("third\n\n## After\n\nMore.\n")
 
 

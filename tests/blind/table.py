@@ -22,7 +22,7 @@ from blind.scorer import Score, score, wilson
 
 Record = dict[str, Any]
 TITLE = "## Blind data sets"
-COMMAND = "python tests/blind/run.py --report --seeds 1000-1001; python tests/blind/table.py --write docs/validation.md"
+COMMAND = "python tests/blind/run.py --report --seeds {}; python tests/blind/table.py --write docs/validation.md"
 FAILED = Score(False, False, 0, 0, None, "failed", False, False)
 
 
@@ -129,7 +129,7 @@ def page(every: list[Record], package: str, *, tuning: bool, detail: bool) -> li
         return [f"No data set of the {what} has been run with these sources (package {package})."]
     lines = [f"Blind data sets, {what}, package {package}.", "", *origin(every, chosen), *gaps(chosen)]
     failed = Counter(r["failure"][:80] for r in chosen if r["result"] is None)
-    lines += [f"Failed: {count} with `{reason}`" for reason, count in failed.most_common()]
+    lines += [f"Failed: {count} with `{reason}`." for reason, count in failed.most_common()]
     return lines + sections([(r, scored(r)) for r in chosen], detail)
 
 
@@ -143,18 +143,25 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--write", type=Path, help="put the table into this page, in place of the one that is there")
     options = parser.parse_args(argv)
     package = options.package or store.package()
-    lines = page(list(store.records(options.store)), package, tuning=options.tuning, detail=options.detail)
+    found = list(store.records(options.store))
+    lines = page(found, package, tuning=options.tuning, detail=options.detail)
     print("\n".join(lines))
     if options.write:
-        put_into(options.write, lines)
+        put_into(options.write, COMMAND.format(seeds_of(found, package)), lines)
     return 0
 
 
-def put_into(target: Path, lines: list[str]) -> None:
+def seeds_of(found: list[Record], package: str) -> str:
+    """Return the reported seeds that a package was run on, as the command takes them."""
+    seeds = sorted({r["truth"]["seed"] for r in found if r["package"] == package} - set(range(REPORTED_FROM)))
+    return f"{seeds[0]}-{seeds[-1]}" if seeds else f"{REPORTED_FROM}"
+
+
+def put_into(target: Path, command: str, lines: list[str]) -> None:
     """Put the table into a page as a section of its own, in place of the one that stands there, or at its end."""
     before, _, rest = target.read_text("utf-8").partition(f"\n{TITLE}\n")
     _, mark, tail = rest.partition("\n## ")
-    section = [TITLE, "", f"`{COMMAND}`", "", *lines]
+    section = [TITLE, "", f"`{command}`", "", *lines]
     target.write_text(before.rstrip("\n") + "\n\n" + "\n".join(section).rstrip("\n") + "\n" + mark + tail, "utf-8")
 
 
