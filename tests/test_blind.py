@@ -4,7 +4,7 @@ import json
 import tomllib
 
 import pytest
-from blind import store
+from blind import law, store
 from blind.cases import OPEN, PAIRS, TRIPLES, cases
 from blind.catalogue import EFFECTS, hidden_on
 from blind.generate import DataSet, _resized, generate
@@ -287,3 +287,9 @@ def test_a_small_part_of_the_bed_is_solved(key, window, tmp_path):
     assert found.is_exact
     assert found.n_wrong == 0
     assert not found.is_false_claim
+
+
+def test_a_law_alone_leaves_noise(capsys):
+    assert law.main(["--rig", "rota_damp", "--seed", "10", "--only", "quadratic_drag"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("quadratic_drag@bearing (same): noise: chi2/n ") and said.count("\n") == 1
