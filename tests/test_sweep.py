@@ -11,7 +11,7 @@ from cartpend_dae.discover.records import FreeSpec, Setup
 from cartpend_dae.discover.screen import candidates, screen
 from cartpend_dae.discover.sweep import one_by_one, sweep
 from cartpend_dae.discover.workbench import Workbench
-from cartpend_dae.effects import catalogue, insertion_at, places
+from cartpend_dae.effects import catalogue, insert, insertion_at, places
 from cartpend_dae.errors import SolverError
 from models.driven_cart import DrivenCart
 from models.linear_damp_mod import LinearDampMod
@@ -115,12 +115,13 @@ def test_an_effect_that_is_free_already_promises_nothing():
 def test_what_is_fitted_already_is_nothing_new_in_a_damped_rig():
     """The trapezoidal rule is off by 2 % there; that difference once promised damping seventy times too large."""
     model = LinearDampMod()
-    run = simulate(model, 8.0, points=801, parameters={"rail.d": 48.0})
+    hidden = insert(model, "asymmetric_friction", "rail", f_c_pos=4.5, f_c_neg=21.0, d_pos=4.0, d_neg=13.0)
+    run = simulate(hidden, 8.0, points=801)
     noisy = run["encoder.s"] + 1e-4 * np.random.default_rng(0).standard_normal(run.time.size)
     channels = {"encoder.s": Channel(noisy, "zoh", 1e-4, "m", 0.0)}
     experiment = Experiment("run", "train", run.time, {}, channels, {}, "free", None)
     bench = Workbench(Setup(model, (FreeSpec("rail.d"), FreeSpec("inertial.m")), (experiment,), (), ()))
     option = insertion_at(model, "viscous_friction", "rail")
-    point = {"rail.d": 40.0, "inertial.m": 7.0}
+    point = {"rail.d": 47.0, "inertial.m": 7.4}
     (candidate,) = screen(bench, (), point, [option], 30.0, bench.problem(()).prior_sd)
     assert candidate.why_not.startswith("no sensor sees it")

@@ -45,8 +45,8 @@ STRIDES = (COARSE, 0.25, 0.05)
 # share of itself by which df/ds may change between two samples for the mean of both ends to be good
 ROUGH = 0.5
 # what is fitted already is followed as the sizes are where that is so exact: an effect that does the same would else
-# differ from it by the error of the trapezoidal rule, 2 % where a time constant is 16 samples, which passes for something
-# new (viscous friction of 3,457 N s/m was promised beside 47 that were free)
+# differ from it by the error of the trapezoidal rule, 2 % where motions die out within some samples, which passes for
+# something new (damping of 3,457 N s/m was promised beside 47 that were free)
 SAME = 0.1
 
 
