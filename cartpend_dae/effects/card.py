@@ -1,7 +1,7 @@
 """What the catalogue knows of an effect besides its equations."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Literal
 
@@ -160,11 +160,9 @@ def wave_number(
     at_point: tuple[str, tuple[float, ...]] | None = None,
     *,
     lower: float = -np.inf,
-    upper: float = np.inf,
 ) -> EffectParameter:
-    """Return a shape that says how often an effect repeats per way [rad per unit of the way]."""
-    other, values = at_point or (name, starts)
-    return EffectParameter(_names(name, other), lower, upper, "wave", _starts(starts, values))
+    """Return a `shape` that says how often an effect repeats per way [rad per unit of the way]."""
+    return replace(shape(name, starts, at_point, lower=lower), role="wave")
 
 
 def choice(
