@@ -7,6 +7,8 @@ import numpy as np
 # what counts as a part of a direction, the largest denominator of an exponent, the largest exponent, and how far from a
 # fraction it may be
 PART, DENOMINATOR, EXPONENT, CLOSE = 0.02, 4, 4, 0.01
+# what elimination leaves of rows, of size 1, that others make up
+NOTHING = 1e-12
 
 
 def blind_directions(names: tuple[str, ...], values: np.ndarray, null: np.ndarray) -> tuple[str, ...]:
@@ -72,9 +74,16 @@ def _product(name: str, reference: str, power: Fraction) -> str:
 
 
 def _echelon(rows: np.ndarray) -> np.ndarray:
-    """Return the same space by rows with as few parts as elimination gives, the largest part 1."""
-    matrix = rows.astype(float).copy()
+    """Return the same space by rows with as few parts as elimination gives, the largest part 1.
+
+    Rows that the others make up, or that are lost to numbers beyond all bounds, are left out.
+    """
+    rows = rows[np.all(np.isfinite(rows), axis=1) & np.any(rows != 0, axis=1)]
+    matrix = rows / np.abs(rows).max(axis=1, keepdims=True)
     for k in range(len(matrix)):
+        if np.abs(matrix[k:]).max() < NOTHING:
+            matrix = matrix[:k]
+            break
         column = int(np.argmax(np.abs(matrix[k:]).max(axis=0)))
         row = k + int(np.argmax(np.abs(matrix[k:, column])))
         matrix[[k, row]] = matrix[[row, k]]

@@ -35,12 +35,20 @@ class Passes:
     layout: Layout
     _parts: dict[str, int] = field(default_factory=dict, repr=False, compare=False)
     _machine_code: dict[str, ca.Function] = field(default_factory=dict, repr=False, compare=False)
+    _mapped: dict[tuple[str, int], tuple[ca.Function, ca.Function]] = field(
+        default_factory=dict, repr=False, compare=False
+    )
 
     def evaluated(self, name: str, packed: np.ndarray, data: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return what a pass gives for all segments, of which `packed` has a column each: compiled, if that pays."""
         m = packed.shape[1]
         function = self._quickest(name, m)
-        found = (function if m == 1 else function.map(m)).call([packed, data])
+        if m > 1:
+            before = self._mapped.get((name, m))
+            if before is None or before[0] is not function:
+                before = self._mapped[name, m] = function, function.map(m)
+            function = before[1]
+        found = function.call([packed, data])
         return tuple(np.asarray(part) for part in found)
 
     def _quickest(self, name: str, n_segments: int) -> ca.Function:

@@ -361,3 +361,11 @@ def test_starts_of_pieces_keep_their_names_in_a_model_with_an_effect_in_series()
     assert not missing
     starts = [name for name in (item.name for item in given.variables) if name.endswith((".phi", ".w"))]
     assert len(starts) == len(plain.variables), starts
+
+
+def test_directions_that_say_the_same_are_one():
+    names, values = ("cart.m", "rail.d"), np.array([4.0, 2.0])
+    twice = np.array([[4.0, 8.0], [2.0, 4.0]])
+    assert blind_directions(names, values, twice) == blind_directions(names, values, twice[:, :1])
+    lost = np.array([[4.0, np.nan, 0.0], [2.0, 1.0, 0.0]])
+    assert blind_directions(names, values, lost) == blind_directions(names, values, twice[:, :1])

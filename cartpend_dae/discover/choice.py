@@ -30,6 +30,7 @@ SHAPE = 0.03
 # so many times what the best of them leaves beyond noise another law may leave and still be alike, and a simpler case
 # of the best one itself
 WORSE, SIMPLER = 4.0, 10.0
+UNSURE = "its size differs from zero by less than its standard deviation"
 ROUNDED = "`{}` that is rounded at rest explains it with fewer parameters"
 
 
@@ -46,6 +47,11 @@ def ordered_by_bic(bench: Workbench, judged: list[Candidate], base: Base, rules:
         for c in judged
     ]
     good = [c for c in good if c not in at_once]
+    if all(c.fit is not None and residuals(c.fit).is_passed for c in good):
+        unsure = [c for c in good if not _is_determined(c)]
+        unsure = unsure if len(unsure) < len(good) else []
+        judged = [replace(c, why_not=UNSURE) if c in unsure else c for c in judged]
+        good = [c for c in good if c not in unsure]
     best = good[0]
     assert best.fit is not None
     alike = [c for c in good if best.gain - c.gain < _margin(c, best) or _is_shapeless(c, judged, base)]
@@ -54,6 +60,13 @@ def ordered_by_bic(bench: Workbench, judged: list[Candidate], base: Base, rules:
     first = _likeliest(bench, _plainest([c for c in alike if determined(c.fit) == fewest]), base, rules)
     others = [replace(c, why_not=c.why_not or second(c, first)) for c in judged if c is not first]
     return [first, *others]
+
+
+def _is_determined(candidate: Candidate) -> bool:
+    """Return whether one of the sizes differs from zero by its standard deviation, with residuals as they are."""
+    assert candidate.fit is not None
+    sizes = [e for e in candidate.fit.parameters if e.name in candidate.insertion.size_names]
+    return any(abs(e.value) > e.sd for e in sizes)
 
 
 def rounded_first(ranked: list[Candidate]) -> list[Candidate]:

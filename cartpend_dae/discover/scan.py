@@ -15,7 +15,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from cartpend_dae.discover.slopes import Along, Growth, Local, at_both_ends, slopes_of
+from cartpend_dae.discover.slopes import Along, Growth, Local, Slopes, Table, slopes_of
 from cartpend_dae.effects import Insertion
 from cartpend_dae.effects.card import EffectParameter
 
@@ -23,8 +23,8 @@ from cartpend_dae.effects.card import EffectParameter
 LONGEST, FINE, MOST = 4.0, 1.2, 300
 # other shapes are tried at so many values, from the least it starts from over this factor to the largest times it
 VALUES, SPAN = 24, 8.0
-# values that are followed at once, which bounds the memory
-TOGETHER = 50
+# values that are followed at once, which bounds the memory; and that one function is made for
+TOGETHER, ABREAST = 50, 8
 # directions that sizes move less than this share of the strongest are none
 FLAT = 1e-8
 
@@ -55,9 +55,9 @@ class Scan:
         return columns - self.basis @ (self.basis.T @ columns)
 
     @cached_property
-    def through(self) -> tuple[np.ndarray, np.ndarray]:
-        """What comes through the algebraic equations at both ends, (n, n_own + n_y, n_z)."""
-        return at_both_ends(self.along, slopes_of(self.along, ()).through)
+    def through(self) -> np.ndarray:
+        """What comes through the algebraic equations, (n, n_own + n_y, n_z)."""
+        return Table(self.along, slopes_of(self.along, ()).through).before()
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
@@ -74,10 +74,10 @@ def best_shape(option: Insertion, scan: Scan) -> dict[str, float]:
     first = item.starts_at(option.place.kind)[0]
     if option.values.get(name, first) != first:
         return {}
-    left = scan.across(scan.residual)
+    left, law = scan.across(scan.residual), _Law(option, name, scan)
     gains = []
     for part in np.array_split(numbers, -(-numbers.size // TOGETHER)):
-        columns = scan.across(_columns(_growth(option, name, scan, part), scan))
+        columns = scan.across(_columns(law.growth(part), scan))
         gains += [_explained(one, left) for one in np.split(columns, part.size, axis=1)]
     best = int(np.argmax(gains))
     return {name: float(numbers[best])} if gains[best] > 0 else {}
@@ -112,21 +112,43 @@ def _numbers(item: EffectParameter, option: Insertion, along: Along) -> np.ndarr
     return found[(found >= low) & (found <= high)]
 
 
-def _growth(option: Insertion, name: str, scan: Scan, numbers: np.ndarray) -> Growth:
-    """Return the growth by the sizes of an effect, with one number after the other in the place of its shape."""
-    along, s = scan.along, scan.along.system
-    found = slopes_of(along, option.size_names)
-    hidden = sorted({row for row, _ in zip(*found.hidden.sparsity().get_triplet(), strict=True)})
-    whole = ca.vertcat(found.direct, found.hidden[hidden, :])
-    shape, index = ca.SX.sym("shape", numbers.size), s.parameter_index(f"{option.prefix}.{name}")
-    each = [ca.substitute(whole, s.p[index], shape[k]) for k in range(numbers.size)]
-    ends = at_both_ends(along, ca.horzcat(*each), (shape, numbers))
-    n_rows, n_own = found.direct.shape[0], len(along.own)
-    left, right = (
-        end[:, :n_rows] - through[:, :, hidden] @ end[:, n_rows:]
-        for end, through in zip(ends, scan.through, strict=True)
-    )
-    return Growth(left[:, :n_own], right[:, :n_own], left[:, n_own:]).where_finite()
+@dataclass(frozen=True)
+class _Law:
+    """How the sizes of an effect move the states and outputs at an instant, by the number in the place of its shape."""
+
+    option: Insertion
+    name: str
+    scan: Scan
+
+    @cached_property
+    def slopes(self) -> Slopes:
+        """What the sizes do."""
+        return slopes_of(self.scan.along, self.option.size_names)
+
+    @cached_property
+    def hidden(self) -> list[int]:
+        """The algebraic equations in which they are."""
+        return sorted({row for row, _ in zip(*self.slopes.hidden.sparsity().get_triplet(), strict=True)})
+
+    @cached_property
+    def table(self) -> Table:
+        """The slopes for some numbers, side by side."""
+        along = self.scan.along
+        whole = ca.vertcat(self.slopes.direct, self.slopes.hidden[self.hidden, :])
+        shapes = ca.SX.sym("shapes", ABREAST)
+        place = along.system.p[along.system.parameter_index(f"{self.option.prefix}.{self.name}")]
+        each = [ca.substitute(whole, place, shapes[k]) for k in range(ABREAST)]
+        return Table(along, ca.horzcat(*each), (shapes,))
+
+    def growth(self, numbers: np.ndarray) -> Growth:
+        """Return the growth by the sizes, with one number after the other; both ends of an interval are samples."""
+        n_rows, n_own, width = self.slopes.direct.shape[0], len(self.scan.along.own), self.slopes.direct.shape[1]
+        full = np.pad(numbers, (0, -numbers.size % ABREAST), mode="edge")
+        values = [self.table.before(part) for part in np.split(full, full.size // ABREAST)]
+        found = np.concatenate(values, axis=2)[:, :, : numbers.size * width]
+        left = found[:, :n_rows] - self.scan.through[:, :, self.hidden] @ found[:, n_rows:]
+        right = np.concatenate([left[1:], left[-1:]])
+        return Growth(left[:, :n_own], right[:, :n_own], left[:, n_own:]).where_finite()
 
 
 def _columns(growth: Growth, scan: Scan) -> np.ndarray:

@@ -15,6 +15,7 @@ from cartpend_dae.discover.weigh import Weighed
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place, fits
 from cartpend_dae.errors import ModelError, SolverError
+from cartpend_dae.parallel import in_parallel
 
 # squared sine of the angle between what an effect changes and what is free already, below which no sensor sees it:
 # one linearisation for all effects turns directions by up to 1e-3
@@ -112,11 +113,37 @@ def screen(
     return list(best.values())
 
 
+def promise(
+    bench: Workbench,
+    taken: tuple[Insertion, ...],
+    point: Mapping[str, float],
+    options: list[Insertion],
+    bandwidth: float,
+    sd: np.ndarray,
+) -> float:
+    """Return by how much the cost would fall with the best of the effects that one simulation tells of, as a screening.
+
+    Arguments are those of `screen`; each effect has the first of its starts.
+    """
+    names = tuple(str((option.prefix, dict(option.values))) for option in (*taken, *options))
+    at = _At(bench, taken, point, bandwidth, sd, None)
+    depends = names, len(taken), dict(point), bandwidth, sd
+    return bench.store.recall("promise", depends, lambda: _promise(at, _batches(options)[0]))
+
+
+def _promise(at: "_At", batch: tuple[Insertion, ...]) -> float:
+    try:
+        found = at.sweep(batch, False)
+    except (SolverError, ModelError):
+        return 0.0
+    smooth = tuple(option for option in batch if all(name in found.sizes for name in option.size_names))
+    return max((c.predicted for c, _ in _predictions(smooth, found) if not c.why_not), default=0.0)
+
+
 def _kept(at: "_At", options: list[Insertion]) -> list[Prediction]:
     """Screen all, as it can be kept on disk."""
-    again: list[Insertion] = []
-    pairs = [pair for batch in _batches(options) for pair in _screened(at, batch, again)]
-    pairs += [pair for batch in _batches(again) for pair in _screened(at, batch)]
+    pairs, again = _swept(at, _batches(options), with_shapes=True)
+    pairs += _swept(at, _batches(again), with_shapes=False)[0]
     named = {option.prefix: k for k, option in enumerate(options)}
     found = _probed(at, [c for c, _ in pairs]) if at.weighed is None else predictions(pairs, at.weighed)
     return [
@@ -125,6 +152,18 @@ def _kept(at: "_At", options: list[Insertion]) -> list[Prediction]:
         )
         for c in found
     ]
+
+
+def _swept(
+    at: "_At", batches: list[tuple[Insertion, ...]], *, with_shapes: bool
+) -> tuple[list["_Judged"], list[Insertion]]:
+    """Judge each batch together, then those too fast for that alone; return also those of better shapes."""
+    jobs = at.bench.jobs
+    done = list(in_parallel(lambda batch: _screened(at, batch, with_shapes), batches, jobs=jobs))
+    alone = [option for _, _, options in done for option in options]
+    pairs = [pair for found, _, _ in done for pair in found]
+    pairs += in_parallel(lambda option: _alone(at, option), alone, jobs=jobs)
+    return pairs, [option for _, options, _ in done for option in options]
 
 
 def _probed(at: "_At", found: list[Candidate]) -> list[Candidate]:
@@ -142,7 +181,9 @@ def _probed(at: "_At", found: list[Candidate]) -> list[Candidate]:
     whole = _left(base.residual, base.base)
     if max((c.predicted for c in found if not c.why_not), default=0.0) > ENOUGH * whole:
         return found
-    return [_at_sizes(at, c, whole) if any(c is one for one in tried) else c for c in found]
+    better = in_parallel(lambda candidate: _at_sizes(at, candidate, whole), tried, jobs=at.bench.jobs)
+    instead = dict(zip(map(id, tried), better, strict=True))
+    return [instead.get(id(candidate), candidate) for candidate in found]
 
 
 def _at_sizes(at: "_At", candidate: Candidate, whole: float) -> Candidate:
@@ -203,22 +244,25 @@ class _At:
 _Judged = tuple[Candidate, Mapping[str, np.ndarray]]
 
 
-def _screened(at: _At, batch: tuple[Insertion, ...], again: list[Insertion] | None = None) -> list[_Judged]:
-    """Judge a batch together; those too fast for that alone, and halves where something cannot be simulated.
+def _screened(
+    at: _At, batch: tuple[Insertion, ...], with_shapes: bool
+) -> tuple[list[_Judged], list[Insertion], list[Insertion]]:
+    """Judge a batch together, and halves where something cannot be simulated.
 
-    With each candidate goes what its sizes change, by name. Those of better shapes are put into `again`.
+    With each candidate goes what its sizes change, by name. Beside them are those of better shapes, and those too fast
+    to be judged so.
     """
     try:
-        found = at.sweep(batch, again is not None)
+        found = at.sweep(batch, with_shapes)
     except (SolverError, ModelError) as error:
         if len(batch) == 1:
-            return [(Candidate(batch[0], batch[0].starts, 0.0, 0.0, 0.0, None, f"it cannot be tried: {error}"), {})]
+            why = f"it cannot be tried: {error}"
+            return [(Candidate(batch[0], batch[0].starts, 0.0, 0.0, 0.0, None, why), {})], [], []
         half = len(batch) // 2
-        return [c for part in (batch[:half], batch[half:]) for c in _screened(at, part, again)]
-    if again is not None:
-        again += found.again
+        parts = [_screened(at, part, with_shapes) for part in (batch[:half], batch[half:])]
+        return parts[0][0] + parts[1][0], parts[0][1] + parts[1][1], parts[0][2] + parts[1][2]
     smooth = tuple(option for option in batch if all(name in found.sizes for name in option.size_names))
-    return _predictions(smooth, found) + [_alone(at, o) for o in batch if o not in smooth]
+    return _predictions(smooth, found), list(found.again), [o for o in batch if o not in smooth]
 
 
 def _alone(at: _At, option: Insertion) -> _Judged:

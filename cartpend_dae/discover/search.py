@@ -8,7 +8,7 @@ import numpy as np
 from cartpend_dae.discover.bases import Library, base_of, fit_base, noise_rules, place_with_a_future
 from cartpend_dae.discover.choice import NEAR, SHAPE, are_parallel, step_of
 from cartpend_dae.discover.disturbed import ALIKE, fitted, margin_of, penalty
-from cartpend_dae.discover.evidence import bic, lead, with_robust_sd
+from cartpend_dae.discover.evidence import bic, determined, lead, with_robust_sd
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.mirror import mirrored
 from cartpend_dae.discover.predicted import MIN_SHARE, explained
@@ -16,7 +16,7 @@ from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdi
 from cartpend_dae.discover.regime import best_bandwidth, sampling_rate
 from cartpend_dae.discover.screen import candidates, is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import MIN_BIC_GAIN, is_nearly_all, try_all, weighed_trials
+from cartpend_dae.discover.trial import MIN_BIC_GAIN, is_most, is_nearly_all, try_all, weighed_trials
 from cartpend_dae.discover.weigh import weigh
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place
@@ -110,9 +110,9 @@ def _against_forces(
 ) -> tuple[Rules, Base, Base]:
     """Search against random forces; return the rules, and the models before and after.
 
-    What noise alone had found stands if both agree on it; if forces find nothing, as the injection that suits them
-    hides what is wrong at a sensor, or what leaves clearly more of the runs; and if the model cannot be weighed so,
-    or the search is interrupted before.
+    What noise alone had found stands if both agree on it; if it is most of all and forces find nothing, as the
+    injection that suits them hides what is wrong at a sensor; if what they find leaves clearly more of the runs; and if
+    the model cannot be weighed so, or the search is interrupted before.
     """
     found, stood = log.steps, log.base
     old = (replace(noise, regime="disturbances"), *without)
@@ -136,7 +136,7 @@ def _against_forces(
             return rules, start, log.base
         log.steps, log.base = found, stood
         return old
-    if found and (not log.steps or _explains_less(bench, base, found[0].candidate, noise)):
+    if found and (_explains_less(bench, base, found[0].candidate, noise) if log.steps else is_most(without[1])):
         log.steps, log.base = found, stood
         return old
     return rules, start, base
@@ -210,11 +210,18 @@ def _forced(bench: Workbench, noise: Rules, base: Base) -> tuple[Rules, Base]:
 
 
 def _is_confirmed(bench: Workbench, step: Step, start: Base, rules: Rules, library: Library) -> bool:
-    """Return whether an effect explains as much against random forces as the one that would be taken there."""
+    """Return whether an effect explains as much against random forces as the one that would be taken there.
+
+    One with fewer parameters that explains as much speaks against it.
+    """
     ranked = weighed_trials(bench, start, rules, candidates(*library, ()), step.candidate.insertion.prefix)
-    best = ranked[0].gain if ranked and not ranked[0].why_not else 0.0
-    own = next((c.gain for c in ranked if c.insertion.prefix == step.candidate.insertion.prefix), 0.0)
-    return own > 0 and best - own < margin_of(best)
+    own = next((c for c in ranked if c.insertion.prefix == step.candidate.insertion.prefix), None)
+    if own is None or not own.gain > 0:
+        return False
+    best = ranked[0]
+    if best is own or best.why_not:
+        return True
+    return determined(best.fit) >= determined(own.fit) and best.gain - own.gain < margin_of(best.gain)
 
 
 def _grow(

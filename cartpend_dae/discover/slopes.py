@@ -130,7 +130,7 @@ class Along:
         """Return a variable at all samples (n,)."""
         s = self.system
         shown = ca.substitute(s.outputs[s.index_of(name), 0], s.frictions.force, sliding_force(s.frictions))
-        return at_both_ends(self, shown)[0].ravel()
+        return Table(self, shown).before().ravel()
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,30 +161,44 @@ def slopes_of(along: Along, names: tuple[str, ...]) -> Slopes:
     return Slopes(ca.jacobian(both, sizes), ca.jacobian(alg, sizes), through)
 
 
-def at_both_ends(along: Along, table: ca.SX, *further: tuple[ca.SX, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Evaluate a table of what holds at an instant at both ends of the interval after each sample, (n, *table.shape).
+@dataclass(frozen=True)
+class Table:
+    """What holds at an instant, to be evaluated at the samples; `further` are other symbols in it."""
 
-    `further` are other symbols in it and their values (n_values,).
-    """
-    s, data, states = along.system, along.data, along.states
-    symbols = [s.time, s.x, s.z, s.u, s.p, *(symbol for symbol, _ in further)]
-    evaluate = AllTimes(ca.Function("table", symbols, [ca.vec(ca.densify(table))], {"cse": True}))
-    n, n_u, n_x = data.shape[1], s.u.numel(), s.x.numel()
-    begin = data[0], states, data[2 : 2 + n_u]
-    end = data[0] + data[1], np.hstack([states[:, 1:], states[:, -1:]]), data[2 + n_u : 2 + 2 * n_u]
-    fixed = along.parameters, *(values for _, values in further)
-    left, right = (
-        evaluate((t[None], x[:n_x], x[n_x:], u, *fixed), n).reshape(n, *table.shape[::-1]).transpose(0, 2, 1)
-        for t, x, u in (begin, end)
-    )
-    return left, right
+    along: Along
+    expression: ca.SX
+    further: tuple[ca.SX, ...] = ()
+
+    @cached_property
+    def _evaluate(self) -> AllTimes:
+        s = self.along.system
+        symbols = [s.time, s.x, s.z, s.u, s.p, *self.further]
+        return AllTimes(ca.Function("table", symbols, [ca.vec(ca.densify(self.expression))], {"cse": True}))
+
+    def before(self, *values: np.ndarray) -> np.ndarray:
+        """Return it where the interval after each sample begins, (n, *shape); `values` are those of `further`."""
+        data, n_u = self.along.data, self.along.system.u.numel()
+        return self._at(data[0], self.along.states, data[2 : 2 + n_u], values)
+
+    def after(self, *values: np.ndarray) -> np.ndarray:
+        """Return it where the interval after each sample ends."""
+        data, states, n_u = self.along.data, self.along.states, self.along.system.u.numel()
+        return self._at(
+            data[0] + data[1], np.hstack([states[:, 1:], states[:, -1:]]), data[2 + n_u : 2 + 2 * n_u], values
+        )
+
+    def _at(self, time: np.ndarray, x: np.ndarray, u: np.ndarray, values: tuple[np.ndarray, ...]) -> np.ndarray:
+        n, n_x = time.size, self.along.system.x.numel()
+        found = self._evaluate((time[None], x[:n_x], x[n_x:], u, self.along.parameters, *values), n)
+        return found.reshape(n, *self.expression.shape[::-1]).transpose(0, 2, 1)
 
 
 def growth_of(along: Along, names: tuple[str, ...]) -> Growth:
     """Evaluate the slopes in sizes at all samples."""
     found = slopes_of(along, names)
     whole = found.direct - found.through @ found.hidden if along.system.z.numel() else found.direct
-    left, right = at_both_ends(along, whole)
+    table = Table(along, whole)
+    left, right = table.before(), table.after()
     n_own = len(along.own)
     return Growth(left[:, :n_own], right[:, :n_own], left[:, n_own:])
 
