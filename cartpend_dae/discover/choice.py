@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 
 from cartpend_dae.discover.disturbed import ALIKE as ALIKE_WEIGHED
-from cartpend_dae.discover.disturbed import fitted
+from cartpend_dae.discover.disturbed import fitted, is_composite
 from cartpend_dae.discover.evidence import determined
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.records import Candidate, Gate, Step
 from cartpend_dae.discover.screen import is_other_law
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.workbench import Workbench
-from cartpend_dae.effects import catalogue
 from cartpend_dae.errors import SolverError
 
 # models whose criterion differs by less than this, or this share of chi2, explain the data alike: the smaller is taken
@@ -55,7 +54,7 @@ def ordered_by_bic(bench: Workbench, judged: list[Candidate], base: Base, rules:
     best = good[0]
     assert best.fit is not None
     alike = [c for c in good if best.gain - c.gain < _margin(c, best) or _is_shapeless(c, judged, base)]
-    alike = [c for c in alike if not _is_composite(c)] or alike
+    alike = [c for c in alike if not is_composite(c)] or alike
     fewest = min(determined(c.fit) for c in alike)
     first = _likeliest(bench, _plainest([c for c in alike if determined(c.fit) == fewest]), base, rules)
     others = [replace(c, why_not=c.why_not or second(c, first)) for c in judged if c is not first]
@@ -95,13 +94,7 @@ def _does_several_at_once(candidate: Candidate) -> bool:
 
     It would soak up a part of what is missing elsewhere, as friction that lies where a chain gives way.
     """
-    return candidate.fit is not None and residuals(candidate.fit).is_passed and _is_composite(candidate)
-
-
-def _is_composite(candidate: Candidate) -> bool:
-    """Return whether an effect between two parts contains another one of the catalogue."""
-    card = candidate.insertion.card
-    return card.insertion == "series" and any(card.id in other.nested_in for other in catalogue())
+    return candidate.fit is not None and residuals(candidate.fit).is_passed and is_composite(candidate)
 
 
 def _plainest(tied: list[Candidate]) -> list[Candidate]:

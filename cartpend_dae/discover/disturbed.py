@@ -12,7 +12,7 @@ from cartpend_dae.discover.slopes import basis_of
 from cartpend_dae.discover.unknown_input import likelihood, whitened
 from cartpend_dae.discover.weigh import LEFT, Forces, Weighed, weigh
 from cartpend_dae.discover.workbench import ROUGH, Workbench
-from cartpend_dae.effects import Insertion
+from cartpend_dae.effects import Insertion, catalogue
 from cartpend_dae.errors import SolverError
 from cartpend_dae.identify import Fit
 from cartpend_dae.shooting import run_through, scaled_values
@@ -278,12 +278,22 @@ def margin_of(gain: float) -> float:
     return max(ALIKE, ALIKE_SHARE * gain)
 
 
+def is_composite(candidate: Candidate) -> bool:
+    """Return whether an effect between two parts contains another one of the catalogue."""
+    card = candidate.insertion.card
+    return card.insertion == "series" and any(card.id in other.nested_in for other in catalogue())
+
+
 def ordered(judged: list[Candidate], second: Callable[[Candidate, Candidate], str]) -> list[Candidate]:
-    """Put the one to take first: of those that explain the data alike, the one with the fewest parameters."""
+    """Put the one to take first: of those that explain the data alike, the one with the fewest parameters.
+
+    One that does several things at once comes after those.
+    """
     found = sorted(judged, key=lambda c: (bool(c.why_not), -c.gain))
     good = [c for c in found if not c.why_not]
     if not good:
         return found
     alike = [c for c in good if good[0].gain - c.gain < margin_of(good[0].gain)]
+    alike = [c for c in alike if not is_composite(c)] or alike
     first = min(alike, key=lambda c: (determined(c.fit), -c.gain))
     return [first, *(replace(c, why_not=c.why_not or second(c, first)) for c in found if c is not first)]

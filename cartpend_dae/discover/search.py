@@ -6,17 +6,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cartpend_dae.discover.bases import Library, base_of, fit_base, noise_rules, place_with_a_future
-from cartpend_dae.discover.choice import NEAR, SHAPE, are_parallel, step_of
-from cartpend_dae.discover.disturbed import ALIKE, fitted, margin_of, penalty
-from cartpend_dae.discover.evidence import bic, determined, lead, with_robust_sd
+from cartpend_dae.discover.choice import SHAPE, are_parallel, step_of
+from cartpend_dae.discover.disturbed import fitted, margin_of, penalty
+from cartpend_dae.discover.evidence import determined, lead, with_robust_sd
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.mirror import mirrored
-from cartpend_dae.discover.predicted import MIN_SHARE, explained
 from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdict
 from cartpend_dae.discover.regime import best_bandwidth, sampling_rate
+from cartpend_dae.discover.revise import prune, swap
 from cartpend_dae.discover.screen import candidates, is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import MIN_BIC_GAIN, is_most, is_nearly_all, try_all, weighed_trials
+from cartpend_dae.discover.trial import MOST, is_most, is_nearly_all, try_all, weighed_trials
 from cartpend_dae.discover.weigh import weigh
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place
@@ -110,9 +110,9 @@ def _against_forces(
 ) -> tuple[Rules, Base, Base]:
     """Search against random forces; return the rules, and the models before and after.
 
-    What noise alone had found stands if both agree on it; if it is most of all and forces find nothing, as the
-    injection that suits them hides what is wrong at a sensor; if what they find leaves clearly more of the runs; and if
-    the model cannot be weighed so, or the search is interrupted before.
+    What noise alone had found stands if both agree on it; if it is most of all, and forces find nothing, as the
+    injection that suits them hides what is wrong at a sensor, or what leaves clearly more of the runs; and if the model
+    cannot be weighed so, or the search is interrupted before.
     """
     found, stood = log.steps, log.base
     old = (replace(noise, regime="disturbances"), *without)
@@ -123,9 +123,10 @@ def _against_forces(
         is_blind = bool(start.fit.bandwidth[0] > sampling_rate(bench))
         if found and is_nearly_all(without[1]) and (is_blind or _is_confirmed(bench, found[0], start, rules, library)):
             return old
-        if is_blind:
+        seen = _uncovered(bench, start, rules, library, log) if is_blind else None
+        if is_blind and seen is None:
             rules, start = _disturbed(bench, noise, without[0], log, library)
-        log.steps, log.base = [], None
+        log.steps, log.base = ([], None) if seen is None else ([seen[1]], seen[0])
         base = _grow(bench, start, rules, library, max_steps, log)
     except SolverError:  # it diverges in the steps with which it is weighed
         log.steps, log.base = found, stood
@@ -136,7 +137,7 @@ def _against_forces(
             return rules, start, log.base
         log.steps, log.base = found, stood
         return old
-    if found and (_explains_less(bench, base, found[0].candidate, noise) if log.steps else is_most(without[1])):
+    if is_most(without[1]) and not (log.steps and not _explains_less(bench, base, found[0].candidate, noise)):
         log.steps, log.base = found, stood
         return old
     return rules, start, base
@@ -214,7 +215,7 @@ def _is_confirmed(bench: Workbench, step: Step, start: Base, rules: Rules, libra
 
     One with fewer parameters that explains as much speaks against it.
     """
-    ranked = weighed_trials(bench, start, rules, candidates(*library, ()), step.candidate.insertion.prefix)
+    ranked = weighed_trials(bench, start, rules, candidates(*library, ()), (step.candidate.insertion.prefix,))
     own = next((c for c in ranked if c.insertion.prefix == step.candidate.insertion.prefix), None)
     if own is None or not own.gain > 0:
         return False
@@ -222,6 +223,29 @@ def _is_confirmed(bench: Workbench, step: Step, start: Base, rules: Rules, libra
     if best is own or best.why_not:
         return True
     return determined(best.fit) >= determined(own.fit) and best.gain - own.gain < margin_of(best.gain)
+
+
+def _uncovered(bench: Workbench, start: Base, rules: Rules, library: Library, log: _Log) -> tuple[Base, Step] | None:
+    """Return the model with an effect that noise alone pointed to, if it leaves little to forces.
+
+    Where something large and fast is missing, forces take it up whole, and nothing shows against them before it is in.
+    """
+    early = {c.early: c for c in log.tried.values() if c.early is not None}
+    pointed = [step.candidate for step in log.steps[:1]] + ([early[min(early)]] if early else [])
+    if not pointed:
+        return None
+    rivals = tuple(c.insertion.prefix for c in pointed)
+    ranked = weighed_trials(bench, start, rules, candidates(*library, ()), rivals)
+    winner = ranked[0] if ranked else None
+    if winner is None or winner.why_not or winner.fit is None:
+        return None
+    base = base_of(bench, start, (), winner, rules)
+    assert start.weighed is not None and base.weighed is not None
+    before, after = (float(np.linalg.norm(one.forces.sizes)) for one in (start.weighed, base.weighed))
+    if winner.fit.bandwidth[0] > sampling_rate(bench) or after > MOST * before:
+        return None
+    log.tried |= {candidate.insertion.prefix: candidate for candidate in ranked}
+    return base, step_of(winner, residuals(base.fit), ranked)
 
 
 def _grow(
@@ -232,8 +256,11 @@ def _grow(
     max_steps: int,
     log: _Log,
 ) -> Base:
-    """Add effects while there is structure; the free simulation has it, so there is always a first round."""
-    first = base
+    """Add effects while there is structure; the free simulation has it, so there is always a first round.
+
+    It goes on from what the log has.
+    """
+    first, base = base, log.base or base
     while len(log.steps) < max_steps:
         try:
             grown = _grown(bench, base, rules, library, log)
@@ -266,8 +293,8 @@ def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _L
     winner = ranked[0]
     base = base_of(bench, base, base.taken, winner, rules)
     steps = [*log.steps, step_of(winner, residuals(base.fit), ranked)]
-    base, steps = _prune(bench, base, steps, rules, len(options))
-    base, steps = _swap(bench, base, steps, rules, library)
+    base, steps = prune(bench, base, steps, rules, len(options))
+    base, steps = swap(bench, base, steps, rules, library)
     log.steps, log.base = steps, base
     return base
 
@@ -322,57 +349,3 @@ def _verdict(has_steps: bool, is_left: bool) -> Verdict:
     if not has_steps:
         return "unexplained"
     return "improved" if is_left else "explained"
-
-
-def _prune(bench: Workbench, base: Base, steps: list[Step], rules: Rules, n_options: int) -> tuple[Base, list[Step]]:
-    """Take back each earlier addition that the model with the last one does without."""
-    for step in list(steps[:-1]):
-        fewer = tuple(i for i in base.taken if i.prefix != step.candidate.insertion.prefix)
-        trial = replace(fit_base(bench, fewer, _early(base, rules), rules), bare=base.bare)
-        if rules.regime == "disturbances":
-            share, _ = explained(bench, (fewer, trial.fit), (base.taken, base.fit), rules.sd)
-            is_needed = share > MIN_SHARE
-        else:
-            cost = MIN_BIC_GAIN if rules.regime == "noise" else penalty(n_options) * len(step.candidate.parameters)
-            is_needed = _criterion(trial, rules) - _criterion(base, rules) > cost
-        if not is_needed:
-            base = trial
-            steps = [s for s in steps if s.candidate.insertion.prefix != step.candidate.insertion.prefix]
-    return base, steps
-
-
-def _swap(bench: Workbench, base: Base, steps: list[Step], rules: Rules, library: Library) -> tuple[Base, list[Step]]:
-    """Put another effect in the place of each earlier one if, with the last one in, it explains more.
-
-    The first effect chosen soaks up a part of those still missing, and may be the wrong one of two alike.
-    """
-    cards, places = library
-    for old in list(steps[:-1]):
-        here = tuple(place for place in places if place.at == old.candidate.insertion.place.at)
-        others = [s for s in steps if s is not old]
-        fewer = tuple(s.candidate.insertion for s in others)
-        without = replace(fit_base(bench, fewer, _early(base, rules), rules), bare=base.bare)
-        ranked = try_all(bench, without, rules, candidates(cards, here, fewer))
-        best = ranked[0] if ranked else None
-        if best is None or best.why_not or best.fit is None or best.insertion.prefix == old.candidate.insertion.prefix:
-            continue
-        other = base_of(bench, base, fewer, best, rules)
-        if _criterion(base, rules) - _criterion(other, rules) <= (ALIKE if rules.regime == "forces" else NEAR):
-            continue
-        base = other
-        steps = [*others, step_of(best, residuals(base.fit), ranked)]
-    return base, steps
-
-
-def _early(base: Base, rules: Rules) -> dict[str, float]:
-    """Return the fit of the stage of screening."""
-    if rules.regime == "forces":
-        return base.fit.point
-    return base.fits[max(w for w in base.fits if w <= rules.screening)].point
-
-
-def _criterion(base: Base, rules: Rules) -> float:
-    """Return what is compared: BIC, percent of the cost of prediction, or -2 ln likelihood against random forces."""
-    if rules.regime == "disturbances":
-        return 100 * float(np.log(base.fit.chi2))
-    return bic(base.fit) if base.weighed is None else base.weighed.criterion

@@ -10,6 +10,7 @@ from cartpend_dae.discover.choice import SAME, SHAPE, are_parallel, ordered_by_b
 from cartpend_dae.discover.disturbed import judge, ordered, penalty
 from cartpend_dae.discover.evidence import bic, coloured_bic
 from cartpend_dae.discover.gate import residuals
+from cartpend_dae.discover.nested import own, restarted
 from cartpend_dae.discover.predicted import trials
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.screen import is_other_law, promise, screen
@@ -149,11 +150,11 @@ def _is_simple(candidate: Candidate) -> bool:
 
 
 def weighed_trials(
-    bench: Workbench, base: Base, rules: Rules, options: list[Insertion], rival: str = ""
+    bench: Workbench, base: Base, rules: Rules, options: list[Insertion], rivals: tuple[str, ...] = ()
 ) -> list[Candidate]:
     """Screen all against random forces, fit the most promising, and judge.
 
-    Where only a `rival` (the prefix of an effect) is to be confirmed, it is fitted with the first few others, each from
+    Where only `rivals` (prefixes of effects) are to be confirmed, they are fitted with the first few others, each from
     one start.
     """
     fit, weighed = base.fit, base.weighed
@@ -163,20 +164,23 @@ def weighed_trials(
     possible = [c for c in screened if not c.why_not]
     possible.sort(key=lambda c: len(c.insertion.size_names) * cost - c.predicted)
     few = _unlike([c for c in possible if c.predicted > HALF * cost * len(c.insertion.size_names)])
-    few = few[: RIVALS if rival else FEW]
-    few += [c for c in possible if c not in few and c.insertion.prefix == rival]
-    richer_than = [c for c in few if not rival or c.insertion.prefix == rival]
+    few = few[: RIVALS if rivals else FEW]
+    few += [c for c in possible if c not in few and c.insertion.prefix in rivals]
+    richer_than = [c for c in few if not rivals or c.insertion.prefix in rivals]
     few += [c for c in possible if c not in few and any(_is_richer(c, other) for other in richer_than)]
+    few += [c for c in possible if c not in few and _is_simple(c) and any(_is_richer(other, c) for other in few)]
     rest = [c for c in screened if c.why_not]
     rest += [replace(c, why_not="others promise more") for c in possible if c not in few]
     for candidate in few:
         bench.expect(candidate.parameters)
-    judged = each(
-        bench,
-        few if rival else _with_others(few),
-        lambda at, c: judge(at, base.taken, rules.loads, (fit, weighed), c, rules.sd, len(options)),
-        "last fit",
-    )
+
+    def judged_at(at: Workbench, candidate: Candidate) -> Candidate:
+        return judge(at, base.taken, rules.loads, (fit, weighed), candidate, rules.sd, len(options))
+
+    judged = each(bench, few if rivals else _with_others(few), judged_at, "last fit")
+    judged = _best_of_each(judged, lambda c: -c.gain)
+    again = restarted(judged, lambda c: c.gain if c.fit else -np.inf)
+    judged += map(own, each(bench, again, judged_at, "last fit"))
     judged = _best_of_each(judged, lambda c: -c.gain)
     found = [c for c in judged if c.fit is not None]
     return rounded_first(ordered(found, second)) + [c for c in judged if c.fit is None] + rest
@@ -207,6 +211,9 @@ def _first_fits(bench: Workbench, base: Base, rules: Rules, stage: float, wide: 
             continue
         starts = _with_others(these)
         new = each(bench, starts, lambda at, candidate: _tried(at, base, rules, stage, candidate), "first fit")
+        again = restarted([*found, *new], lambda c: -c.fit.chi2 if c.fit else -np.inf)
+        again = [c for c in again if len(c.insertion.parameter_names) == count]
+        new += map(own, each(bench, again, lambda at, c: _tried(at, base, rules, stage, c), "first fit"))
         new = _best_of_each(new, lambda c: c.fit.chi2 if c.fit else np.inf)
         found += new
         enough = enough or _enough(bench, base, rules, new)

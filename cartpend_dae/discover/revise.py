@@ -1,0 +1,71 @@
+"""What a later addition changes about earlier ones: they are taken back, or give their place to another effect."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from cartpend_dae.discover.bases import Library, base_of, fit_base
+from cartpend_dae.discover.choice import NEAR, step_of
+from cartpend_dae.discover.disturbed import ALIKE, penalty
+from cartpend_dae.discover.evidence import bic
+from cartpend_dae.discover.gate import residuals
+from cartpend_dae.discover.predicted import MIN_SHARE, explained
+from cartpend_dae.discover.records import Step
+from cartpend_dae.discover.screen import candidates
+from cartpend_dae.discover.state import Base, Rules
+from cartpend_dae.discover.trial import MIN_BIC_GAIN, try_all
+from cartpend_dae.discover.workbench import Workbench
+
+
+def prune(bench: Workbench, base: Base, steps: list[Step], rules: Rules, n_options: int) -> tuple[Base, list[Step]]:
+    """Take back each earlier addition that the model with the last one does without."""
+    for step in list(steps[:-1]):
+        fewer = tuple(i for i in base.taken if i.prefix != step.candidate.insertion.prefix)
+        trial = replace(fit_base(bench, fewer, _early(base, rules), rules), bare=base.bare)
+        if rules.regime == "disturbances":
+            share, _ = explained(bench, (fewer, trial.fit), (base.taken, base.fit), rules.sd)
+            is_needed = share > MIN_SHARE
+        else:
+            cost = MIN_BIC_GAIN if rules.regime == "noise" else penalty(n_options) * len(step.candidate.parameters)
+            is_needed = _criterion(trial, rules) - _criterion(base, rules) > cost
+        if not is_needed:
+            base = trial
+            steps = [s for s in steps if s.candidate.insertion.prefix != step.candidate.insertion.prefix]
+    return base, steps
+
+
+def swap(bench: Workbench, base: Base, steps: list[Step], rules: Rules, library: Library) -> tuple[Base, list[Step]]:
+    """Put another effect in the place of each earlier one if, with the last one in, it explains more.
+
+    The first effect chosen soaks up a part of those still missing, and may be the wrong one of two alike.
+    """
+    cards, places = library
+    for old in list(steps[:-1]):
+        here = tuple(place for place in places if place.at == old.candidate.insertion.place.at)
+        others = [s for s in steps if s is not old]
+        fewer = tuple(s.candidate.insertion for s in others)
+        without = replace(fit_base(bench, fewer, _early(base, rules), rules), bare=base.bare)
+        ranked = try_all(bench, without, rules, candidates(cards, here, fewer))
+        best = ranked[0] if ranked else None
+        if best is None or best.why_not or best.fit is None or best.insertion.prefix == old.candidate.insertion.prefix:
+            continue
+        other = base_of(bench, base, fewer, best, rules)
+        if _criterion(base, rules) - _criterion(other, rules) <= (ALIKE if rules.regime == "forces" else NEAR):
+            continue
+        base = other
+        steps = [*others, step_of(best, residuals(base.fit), ranked)]
+    return base, steps
+
+
+def _early(base: Base, rules: Rules) -> dict[str, float]:
+    """Return the fit of the stage of screening."""
+    if rules.regime == "forces":
+        return base.fit.point
+    return base.fits[max(w for w in base.fits if w <= rules.screening)].point
+
+
+def _criterion(base: Base, rules: Rules) -> float:
+    """Return what is compared: BIC, percent of the cost of prediction, or -2 ln likelihood against random forces."""
+    if rules.regime == "disturbances":
+        return 100 * float(np.log(base.fit.chi2))
+    return bic(base.fit) if base.weighed is None else base.weighed.criterion

@@ -1,0 +1,93 @@
+"""Which of several fitted effects to take, on fits whose figures are made up."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_discover_pendulum import clean_run, noisy_setup
+
+from cartpend_dae.discover.choice import ordered_by_bic
+from cartpend_dae.discover.disturbed import ordered
+from cartpend_dae.discover.nested import PEAK, own, restarted
+from cartpend_dae.discover.records import Candidate
+from cartpend_dae.discover.state import Base, Rules
+from cartpend_dae.discover.trial import MOST, is_most
+from cartpend_dae.discover.workbench import Workbench
+from cartpend_dae.effects import insertion_at
+from cartpend_dae.uncertainty import Estimate
+from models.linear_damp_mod import LinearDampMod
+from models.rota_damp import RotaDamp
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return Workbench(noisy_setup(clean_run(0.05), 0))
+
+
+@pytest.fixture(scope="module")
+def plain_fit(bench):
+    """The fit without friction, which leaves more than noise."""
+    return bench.fit((), {}, (0.0,), np.array([1e-3]))
+
+
+@pytest.fixture
+def fitted(plain_fit):
+    def make(effect, gain, chi2, model=None, at="bearing", sd=1e-6, **values):
+        insertion = insertion_at(model or RotaDamp(), effect, at)
+        named = {f"{insertion.prefix}.{name}": value for name, value in values.items()}
+        estimates = tuple(Estimate(name, value, sd, "1", "ok") for name, value in named.items())
+        fit = replace(plain_fit, parameters=(*plain_fit.parameters, *estimates), chi2=chi2)
+        return Candidate(insertion, insertion.starts | named, gain, gain, 9.0, fit, "")
+
+    return make
+
+
+def names(candidates):
+    return [c.insertion.card.id for c in candidates]
+
+
+def test_richer_laws_that_explain_less_start_from_the_plainer_one(fitted):
+    coulomb = fitted("coulomb_friction", 0.0, 100.0, tau_c=0.5)
+    lost = fitted("breakaway_friction", 0.0, 900.0, tau_c=0.1, tau_s=9.0)
+    failed = replace(fitted("asymmetric_friction", 0.0, 0.0), fit=None)
+    better = fitted("stribeck_friction", 0.0, 50.0, tau_c=0.4, tau_s=0.6, w_s=0.1, d=0.0)
+    again = restarted([coulomb, lost, failed, better], lambda c: -c.fit.chi2 if c.fit else -np.inf)
+    assert names(again) == ["breakaway_friction", "asymmetric_friction"]
+    first, second = (own(c).parameters for c in again)
+    assert first == {"bearing.breakaway_friction.tau_c": 0.5, "bearing.breakaway_friction.tau_s": PEAK * 0.5}
+    ways = {name.rpartition(".")[2]: value for name, value in second.items()}
+    assert ways == {"tau_c_pos": 0.5, "tau_c_neg": 0.5, "d_pos": 0.0, "d_neg": 0.0}
+    # the whole fit goes along: what is free besides, and where the run starts
+    assert again[0].parameters["bearing.d"] == coulomb.fit.point["bearing.d"]
+
+
+def test_where_none_leaves_noise_sizes_that_are_not_determined_come_last(bench, plain_fit, fitted):
+    base = Base((), {0.0: plain_fit}, plain_fit.chi2)
+    rules = Rules("noise", (0.0,), 0.0, np.array([1e-3]))
+    vague = fitted("cubic_stiffness", 5000.0, 0.2 * plain_fit.chi2, c3=0.01, sd=4.0)
+    sure = fitted("coulomb_friction", 3000.0, 0.5 * plain_fit.chi2, tau_c=0.1)
+    ranked = ordered_by_bic(bench, [vague, sure], base, rules)
+    assert names(ranked) == ["coulomb_friction", "cubic_stiffness"]
+    assert "less than its standard deviation" in ranked[1].why_not
+    alone = ordered_by_bic(bench, [vague], base, rules)
+    assert names(alone) == ["cubic_stiffness"] and not alone[0].why_not
+
+
+def test_against_forces_what_does_several_things_at_once_comes_after_what_explains_as_much(fitted):
+    model = LinearDampMod()
+    several = fitted("chain_tension_friction", 1435.0, 9.0, model, "cart.flange_a", h=0.1, e=0.1, f_p=9.0)
+    plain = fitted("coulomb_friction", 1400.0, 9.0, model, "rail", f_c=6.0)
+    ranked = ordered([several, plain], lambda candidate, first: "explains more")
+    assert names(ranked) == ["coulomb_friction", "chain_tension_friction"]
+    far = replace(plain, gain=1000.0)
+    assert names(ordered([several, far], lambda candidate, first: "explains more"))[0] == "chain_tension_friction"
+
+
+def test_what_leaves_more_than_a_tenth_may_be_disturbances(plain_fit, fitted):
+    taken, n = (insertion_at(RotaDamp(), "cogging", "bearing"),), plain_fit.n_residuals
+    bare = 1e6 + n
+    for share, stands in ((0.9 * MOST, True), (1.2 * MOST, False)):
+        left = n + share / (1 + share) * 1e6
+        base = Base(taken, {0.0: replace(plain_fit, chi2=left)}, bare)
+        assert is_most(base) is stands
+    assert not is_most(Base((), {0.0: plain_fit}, bare))
