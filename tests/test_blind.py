@@ -264,12 +264,13 @@ def test_an_effect_that_left_nothing_grows_and_one_that_broke_the_run_shrinks():
 
 
 # Sets through the whole chain, cut to 4 or 3 s (a pendulum) and 2 s (a cart), for about a minute. In the last
-# one a law of friction explains five sixths of what small disturbances do.
+# but one each of two effects hides the other; in the last a law of friction explains five sixths of disturbances.
 SMALL = (
     (Key("rota_damp", "noise", (("coulomb_friction", "bearing"),), 0), 4.0),
     (Key("rota_damp", "noise", (("quadratic_drag", "bearing"),), 0), 4.0),
     (Key("rota_damp", "quantised", LOAD, 0), 4.0),
     (Key("linear_damp_mod", "noise", (), 0), 2.0),
+    (Key("rota_damp", "noise", (("coulomb_friction", "bearing"), ("cubic_stiffness", "bearing")), 20), 6.0),
     (Key("rota_damp", "disturbed", (), 31), 3.0),
 )
 

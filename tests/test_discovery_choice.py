@@ -7,6 +7,7 @@ import pytest
 from test_discover_pendulum import clean_run, noisy_setup
 
 from cartpend_dae.discover.choice import ordered_by_bic
+from cartpend_dae.discover.couple import promising
 from cartpend_dae.discover.disturbed import ordered
 from cartpend_dae.discover.nested import PEAK, own, restarted
 from cartpend_dae.discover.records import Candidate
@@ -91,3 +92,48 @@ def test_what_leaves_more_than_a_tenth_may_be_disturbances(plain_fit, fitted):
         base = Base(taken, {0.0: replace(plain_fit, chi2=left)}, bare)
         assert is_most(base) is stands
     assert not is_most(Base((), {0.0: plain_fit}, bare))
+
+
+def promised(effect, predicted, direction, **values):
+    insertion = insertion_at(RotaDamp(), effect, "bearing")
+    named = {f"{insertion.prefix}.{name}": value for name, value in values.items()}
+    response = np.array(direction, dtype=float)
+    return Candidate(
+        insertion, insertion.starts | named, predicted, 0.0, 0.0, None, "", response / np.linalg.norm(response)
+    )
+
+
+def test_couples_that_promise_most_together_come_first_with_their_shares():
+    coulomb = promised("coulomb_friction", 100.0, [1, 0, 0, 0], tau_c=2.0)
+    cubic = promised("cubic_stiffness", 64.0, [0.6, 0.8, 0, 0], c3=3.0)
+    load = promised("constant_load", 1.0, [0, 0, 1, 0], tau_0=5.0)
+    first, *others = promising([coulomb, cubic, load])
+    # |left| has the parts 10 and 2.5 along the axes of both: 8 = 0.6 * 10 + 0.8 * 2.5
+    assert (first.one.insertion.card.id, first.other.insertion.card.id) == ("coulomb_friction", "cubic_stiffness")
+    assert first.predicted == pytest.approx(10.0**2 + 2.5**2)
+    sizes = np.linalg.solve([[1.0, 0.6], [0.6, 1.0]], [10.0, 8.0])
+    assert first.parameters["bearing.cubic_stiffness.c3"] == pytest.approx(3.0 * sizes[1] / 8.0)
+    assert first.parameters["bearing.coulomb_friction.tau_c"] == pytest.approx(2.0 * sizes[0] / 10.0)
+    assert len(others) == 2
+
+
+def test_no_couple_has_two_laws_of_one_contact_twins_or_an_effect_the_wrong_way():
+    coulomb = promised("coulomb_friction", 100.0, [1, 0, 0])
+    dahl = promised("dahl_friction", 90.0, [0.9, 0.1, 0])
+    twin = promised("cubic_stiffness", 80.0, [0, 1, 0])
+    other = promised("linear_stiffness", 80.0, [0, 1, 1e-9])
+    against = promised("quadratic_drag", 1.0, [0.999, 0, 0.045])
+    assert promising([coulomb, dahl]) == []
+    assert promising([twin, other]) == []
+    assert promising([coulomb, against]) == []
+    assert promising([coulomb]) == []
+
+
+def test_a_plain_law_stands_for_a_richer_one_that_promises_little_more():
+    coulomb = promised("coulomb_friction", 60.0, [1, 0, 0, 0])
+    rich = promised("stribeck_friction", 100.0, [1, 0.5, 0, 0])
+    load = promised("constant_load", 50.0, [0, 0, 1, 0])
+    assert [couple.one.insertion.card.id for couple in promising([rich, coulomb, load])] == ["coulomb_friction"]
+    far = promised("stribeck_friction", 1000.0, [1, 0.5, 0, 0])
+    found = {c.insertion.card.id for couple in promising([far, coulomb, load]) for c in (couple.one, couple.other)}
+    assert "stribeck_friction" in found

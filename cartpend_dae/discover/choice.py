@@ -81,7 +81,7 @@ def rounded_first(ranked: list[Candidate]) -> list[Candidate]:
     good = [c for c in ranked if not c.why_not]
     tied = [c for c in fitted_ones if c.gain > 0 and (c in good or c.why_not == second(c, ranked[0]))]
     plain = min(
-        (c for c in tied if _contains(best, c, ranked)), key=lambda c: len(c.insertion.parameter_names), default=None
+        (c for c in tied if contains(best, c, ranked)), key=lambda c: len(c.insertion.parameter_names), default=None
     )
     if plain is None or any(c.gain > plain.gain and not is_other_law(c, plain) for c in tied):
         return ranked
@@ -146,7 +146,7 @@ def _is_shapeless(candidate: Candidate, judged: list[Candidate], base: Base) -> 
     if any(not residuals(c.fit).is_passed for c in good if c.fit is not None):
         return False
     least, noise = best.fit.chi2, best.fit.n_residuals
-    most = SIMPLER if _contains(best, candidate, judged) else WORSE
+    most = SIMPLER if contains(best, candidate, judged) else WORSE
     if candidate.fit.chi2 - noise > most * (least - noise):
         return False
     return candidate.fit.chi2 - least < SHAPE * (base.fit.chi2 - least)
@@ -172,7 +172,7 @@ def step_of(winner: Candidate, gate: Gate, ranked: list[Candidate]) -> Step:
     the winner, which explain no more by their further parameters.
     """
     alike = [other for other in ranked if _is_alike(winner, other)]
-    richer = [other for other in alike if _contains(other, winner, ranked)]
+    richer = [other for other in alike if contains(other, winner, ranked)]
     same = [f"{winner.insertion.card.id} at {place}" for place in winner.insertion.place.same_motion]
     rivals = [_named(other) for other in alike if other not in richer]
     return Step(winner, gate, (*same, *rivals), tuple(_named(other) for other in richer))
@@ -199,7 +199,7 @@ def _is_alike(winner: Candidate, other: Candidate) -> bool:
     return are_parallel(winner, other) and not is_worse
 
 
-def _contains(rich: Candidate, simple: Candidate, ranked: list[Candidate]) -> bool:
+def contains(rich: Candidate, simple: Candidate, ranked: list[Candidate]) -> bool:
     """Return whether a law at a place contains another one at the same place, be it by a law in between."""
     cards = {c.insertion.card.id: c.insertion.card for c in ranked} | {simple.insertion.card.id: simple.insertion.card}
     known, new = set[str](), {simple.insertion.card.id}

@@ -36,7 +36,7 @@ def restarted(fitted: list[Candidate], worth: Callable[[Candidate], float]) -> l
         best = max(plain, key=worth, default=None)
         if best is None or best.fit is None or (rich.fit is not None and worth(rich) >= worth(best)):
             continue
-        found.append(replace(rich, parameters={**best.fit.point, **_as_plain(rich.insertion, best)}, fit=None))
+        found.append(replace(rich, parameters={**best.fit.point, **as_plain(rich.insertion, best)}, fit=None))
     return found
 
 
@@ -51,8 +51,8 @@ def _holds(rich: Candidate, plain: Candidate) -> bool:
     return one.place.at == two.place.at and one.card.id in two.card.nested_in
 
 
-def _as_plain(insertion: Insertion, plain: Candidate) -> dict[str, float]:
-    """Return the values with which a law nearly is a plainer one that was fitted."""
+def as_plain(insertion: Insertion, plain: Candidate) -> dict[str, float]:
+    """Return the values with which a law nearly is another one that was fitted: the same where names agree."""
     assert plain.fit is not None
     before = {name.rpartition(".")[2]: plain.fit.values[name] for name in plain.insertion.parameter_names}
     values = insertion.starts

@@ -7,6 +7,7 @@ import numpy as np
 
 from cartpend_dae.discover.bases import Library, base_of, fit_base, noise_rules, place_with_a_future
 from cartpend_dae.discover.choice import SHAPE, are_parallel, step_of
+from cartpend_dae.discover.couple import couple, simpler
 from cartpend_dae.discover.disturbed import fitted, margin_of, penalty
 from cartpend_dae.discover.evidence import determined, lead, with_robust_sd
 from cartpend_dae.discover.gate import residuals
@@ -16,7 +17,7 @@ from cartpend_dae.discover.regime import best_bandwidth, sampling_rate
 from cartpend_dae.discover.revise import prune, swap
 from cartpend_dae.discover.screen import candidates, is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import MOST, is_most, is_nearly_all, try_all, weighed_trials
+from cartpend_dae.discover.trial import MOST, is_most, is_nearly_all, try_all, try_in_noise, weighed_trials
 from cartpend_dae.discover.weigh import weigh
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place
@@ -263,7 +264,7 @@ def _grow(
     first, base = base, log.base or base
     while len(log.steps) < max_steps:
         try:
-            grown = _grown(bench, base, rules, library, log)
+            grown = _grown(bench, base, rules, library, log, max_steps - len(log.steps))
         except SolverError:
             if not log.steps:
                 raise
@@ -278,17 +279,28 @@ def _grow(
     return base
 
 
-def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _Log) -> Base | None:
-    """Return the model with one more effect, and log it; None if there is none to add."""
+def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _Log, n_more: int) -> Base | None:
+    """Return the model with one more effect, or two of at most `n_more`, and log it; None if there is none to add."""
     options = candidates(*library, base.taken)
     if rules.regime == "noise" and log.steps:
         options = _supported(bench, base, rules, options)
         if not options:
             return None
-    ranked = try_all(bench, base, rules, options)
+    if rules.regime == "noise":
+        stage, ranked = try_in_noise(bench, base, rules, options)
+    else:
+        stage, ranked = 0.0, try_all(bench, base, rules, options)
     log.tried |= {candidate.insertion.prefix: candidate for candidate in ranked}
+    both = couple(bench, base, rules, ranked, stage) if rules.regime == "noise" and n_more > 1 else None
+    if both is not None:
+        log.base, log.steps = both[0], [*log.steps, *both[1]]
+        return log.base
     if not ranked or ranked[0].why_not:
-        return None
+        is_able = rules.regime == "noise" and bool(log.steps)
+        instead = simpler(bench, base, rules, log.steps, ranked, list(log.tried.values())) if is_able else None
+        if instead is not None:
+            log.base, log.steps = instead
+        return log.base if instead else None
     ranked = place_with_a_future(bench, base, ranked, rules, library)
     winner = ranked[0]
     base = base_of(bench, base, base.taken, winner, rules)

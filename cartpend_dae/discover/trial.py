@@ -56,11 +56,16 @@ def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
         return trials(bench, base.taken, base.fit, options, rules.sd)
     if rules.regime == "forces":
         return weighed_trials(bench, base, rules, options)
+    return try_in_noise(bench, base, rules, options)[1]
+
+
+def try_in_noise(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]) -> tuple[float, list[Candidate]]:
+    """Do so where noise is all that is left; return also the bandwidth of the stage at which they were screened."""
     stage, screened = _screened_where_it_shows(bench, base, rules, options)
     possible = [c for c in screened if not c.why_not]
     rest = [c for c in screened if c.why_not]
     if not base.taken and not any(_shows(c, base.fits[stage]) for c in possible):
-        return [replace(c, why_not=_promises_little(c, base.fits[stage])) for c in possible] + rest
+        return stage, [replace(c, why_not=_promises_little(c, base.fits[stage])) for c in possible] + rest
     wide = [c for c in possible[:WIDE] if c.predicted > FAINT * possible[0].predicted]
     wide += _as_well(wide, possible[WIDE:])
     wide += [c for c in possible if c not in wide and _is_simple(c) and any(_is_richer(other, c) for other in wide)]
@@ -75,7 +80,7 @@ def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
     judged = _judged(bench, base, rules, few)
     complete = [c for c in judged if c.fit is not None]
     ranked = rounded_first(ordered_by_bic(bench, complete, base, rules))
-    return ranked + [c for c in judged if c.fit is None] + rest
+    return stage, ranked + [c for c in judged if c.fit is None] + rest
 
 
 def _as_well(first: list[Candidate], others: list[Candidate]) -> list[Candidate]:

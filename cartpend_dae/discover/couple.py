@@ -1,0 +1,225 @@
+"""Two effects at once: where no effect alone leaves noise, two of them may, of which each hides the other.
+
+To first order each effect changes the residuals along one direction. Of all couples those are fitted that together
+promise most; one that leaves nothing but noise is taken whole.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from cartpend_dae.discover.attempts import kept
+from cartpend_dae.discover.bases import base_of, fit_base
+from cartpend_dae.discover.choice import are_parallel, contains, step_of
+from cartpend_dae.discover.evidence import bic
+from cartpend_dae.discover.gate import residuals
+from cartpend_dae.discover.nested import as_plain
+from cartpend_dae.discover.records import Candidate, Step
+from cartpend_dae.discover.screen import is_other_law
+from cartpend_dae.discover.state import Base, Rules
+from cartpend_dae.discover.trial import CLEAN, MIN_BIC_GAIN, NOISE_ALONE, TOUCH
+from cartpend_dae.discover.workbench import ROUGH, Workbench
+from cartpend_dae.errors import ModelError, SolverError
+from cartpend_dae.identify import Fit
+
+# so many couples are fitted roughly, in so many steps; the best of them with less injection, and the best to the end
+WIDE, EARLY, NARROW, LATER, LAST = 10, 8, 4, 12, 2
+# a plainer law that promises this share of a richer one stands for it
+PLAIN = 0.5
+# a rough fit that leaves more than so many times noise leaves something else
+LOOSE = 2.0
+# of parallel effects, whose sum is open, there is no couple; and those that are the same here are tried once
+ALIGNED, SAME = 0.999, 1 - 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Couple:
+    """Two candidates, by how much the cost would fall with both, and their fit."""
+
+    one: Candidate
+    other: Candidate
+    predicted: float
+    parameters: Mapping[str, float]
+    fit: Fit | None = None
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of parameters of both effects."""
+        return len(self.one.insertion.parameter_names) + len(self.other.insertion.parameter_names)
+
+
+def couple(
+    bench: Workbench, base: Base, rules: Rules, ranked: list[Candidate], stage: float
+) -> tuple[Base, list[Step]] | None:
+    """Return the model with two more effects that together leave nothing but noise, and both steps.
+
+    Parameters
+    ----------
+    bench
+        The workbench.
+    base
+        The model so far, in the regime of noise.
+    rules
+        How to fit and decide.
+    ranked
+        Candidates of this round, the best first.
+    stage
+        Bandwidth of the output injection at which they were screened [rad/s].
+    """
+    best = ranked[0] if ranked else None
+    if best is not None and not best.why_not and best.fit is not None and _leaves_noise(best.fit):
+        return None
+    few = promising(ranked)
+    for c in few:
+        bench.expect(c.parameters)
+    few = _fitted(bench, base, rules, few, (stage,), (EARLY, ROUGH))[:NARROW]
+    few = [c for c in few if c.fit is not None and c.fit.chi2 < LOOSE * c.fit.n_residuals]
+    least = bench.last or min(w for w in rules.stages if w > 0)
+    few = _fitted(bench, base, rules, few, (least,), (LATER, ROUGH))[:LAST]
+    few = _fitted(bench, base, rules, few, (bench.last,), None)
+    good = [c for c in few if c.fit is not None and _leaves_noise(c.fit)]
+    for found in sorted(good, key=lambda c: (c.n_parameters, c.fit.chi2 if c.fit else np.inf)):
+        made = _made(bench, base, rules, found, ranked)
+        if made is not None:
+            return made
+    return None
+
+
+def simpler(
+    bench: Workbench, base: Base, rules: Rules, steps: list[Step], ranked: list[Candidate], tried: list[Candidate]
+) -> tuple[Base, list[Step]] | None:
+    """Return the model with a plainer law in the place of an earlier one and an effect that was refused beside that.
+
+    A rich law takes up what another effect does, which beside it seems to be no more than its shape. Both together
+    leave nothing but noise then, with no more parameters. Arguments are those of `couple`; `tried` are all candidates.
+    """
+    refused = [c for c in ranked if c.fit is not None and c.why_not and _leaves_noise(c.fit)]
+    for step in steps:
+        rich, others = step.candidate, [s for s in steps if s is not step]
+        taken = tuple(s.candidate.insertion for s in others)
+        plain = [c for c in tried if contains(rich, c, tried) and c.insertion.prefix != rich.insertion.prefix]
+        couples = [
+            Couple(one, other, 0.0, {**other.fit.point, **as_plain(one.insertion, rich)})
+            for other in refused
+            for one in plain
+            if other.fit is not None
+        ]
+        few = [pair for pair in couples if pair.n_parameters <= len(rich.insertion.parameter_names)]
+        if not few:
+            continue
+        without = replace(fit_base(bench, taken, base.fit.point, rules), bare=base.bare)
+        few = _fitted(bench, without, rules, few, (max(rules.stages),), (LATER, ROUGH))[:LAST]
+        few = _fitted(bench, without, rules, few, rules.stages, None)
+        for found in few:
+            made = found.fit is not None and _leaves_noise(found.fit) and _made(bench, without, rules, found, [rich])
+            if made:
+                return made[0], [*others, *made[1]]
+    return None
+
+
+def promising(ranked: list[Candidate]) -> list[Couple]:
+    """Return the couples that promise most, each parameter at its price of BIC; a plain law stands for richer ones."""
+    able = [c for c in ranked if c.response is not None and c.predicted > 0]
+    able = [
+        c
+        for c in able
+        if not any(d is not c and contains(c, d, able) and d.predicted > PLAIN * c.predicted for d in able)
+    ]
+    able.sort(key=lambda c: (len(c.insertion.parameter_names), -c.predicted))
+    able = [c for k, c in enumerate(able) if not any(are_parallel(c, d, SAME) for d in able[:k])]
+    if len(able) < 2:
+        return []
+    directions = np.column_stack([c.response for c in able if c.response is not None])
+    products, alone = directions.T @ directions, np.sqrt([c.predicted for c in able])
+    price = np.log(len(directions))
+    found: list[tuple[float, Couple]] = []
+    for i, j in combinations(range(len(able)), 2):
+        one, other, cosine = able[i], able[j], products[i, j]
+        if is_other_law(one, other) or are_parallel(one, other, ALIGNED):
+            continue
+        sizes = np.linalg.solve([[1.0, cosine], [cosine, 1.0]], alone[[i, j]])
+        if not np.all(sizes > 0):  # one of them would go the wrong way
+            continue
+        shares = sizes / alone[[i, j]]
+        both = Couple(one, other, float(sizes @ alone[[i, j]]), _scaled(one, shares[0]) | _scaled(other, shares[1]))
+        found.append((both.predicted - price * both.n_parameters, both))
+    return [both for _, both in sorted(found, key=lambda pair: -pair[0])[:WIDE]]
+
+
+def _scaled(candidate: Candidate, share: float) -> dict[str, float]:
+    """Return parameters of an effect whose sizes are a share of those promised."""
+    sizes = candidate.insertion.size_names
+    return {name: value * share if name in sizes else value for name, value in candidate.parameters.items()}
+
+
+def _leaves_noise(fit: Fit) -> bool:
+    return residuals(fit).largest < CLEAN and fit.chi2 < NOISE_ALONE * fit.n_residuals
+
+
+def _fitted(
+    bench: Workbench,
+    base: Base,
+    rules: Rules,
+    couples: list[Couple],
+    stages: tuple[float, ...],
+    rough: tuple[int, float] | None,
+) -> list[Couple]:
+    """Return couples with their fits along stages, those that leave least first; those that fail are left out."""
+    iterations, stride = rough or (None, None)
+
+    def attempt(pair: Couple) -> Fit | None:
+        together = (*base.taken, pair.one.insertion, pair.other.insertion)
+        guess = base.fits[stages[0]].point | dict(pair.parameters) if pair.fit is None else pair.fit.point
+        try:
+            return bench.fit(together, guess, stages, rules.sd, patient=False, iterations=iterations, stride=stride)
+        except (SolverError, ModelError):
+            return None
+
+    bench.begin("couples", len(couples))
+    depends = [
+        (
+            "couple",
+            [i.prefix for i in base.taken],
+            [(c.insertion.prefix, str(dict(c.insertion.values))) for c in (pair.one, pair.other)],
+            dict(pair.parameters),
+            None if pair.fit is None else pair.fit.point,
+            base.fit.point,
+            stages,
+            iterations,
+        )
+        for pair in couples
+    ]
+    fits = kept(bench, "couple", depends, attempt, couples)
+    found = [replace(pair, fit=fit) for pair, fit in zip(couples, fits, strict=True) if fit is not None]
+    found = [pair for pair in found if pair.fit is not None and np.isfinite(pair.fit.chi2)]
+    return sorted(found, key=lambda pair: bic(pair.fit) if pair.fit else np.inf)
+
+
+def _made(
+    bench: Workbench, base: Base, rules: Rules, both: Couple, ranked: list[Candidate]
+) -> tuple[Base, list[Step]] | None:
+    """Return the model with a couple in it, if neither effect can be left out, nor is the shape of one law.
+
+    What is left without one of them must be more than laws may be wrong by, or both together have no more parameters
+    than the law that explains most alone.
+    """
+    fit, parts = both.fit, (both.one, both.other)
+    assert fit is not None
+    if any(part.insertion.contradiction(fit.values) for part in parts):
+        return None
+    lone = [c for c in ranked if c.fit is not None and not c.why_not]
+    is_plain = bool(lone) and both.n_parameters <= len(lone[0].insertion.parameter_names)
+    done: list[Candidate] = []
+    for part, rest in (parts, parts[::-1]):
+        without = fit_base(bench, (*base.taken, rest.insertion), fit.point, rules).fit
+        gain, share = bic(without) - bic(fit), (without.chi2 - fit.chi2) / max(base.bare - fit.chi2, 1e-300)
+        if gain < MIN_BIC_GAIN or (share < TOUCH and not is_plain):
+            return None
+        values = {name: fit.values[name] for name in part.insertion.parameter_names}
+        done.append(replace(part, parameters=values, gain=gain, fit=fit, why_not=""))
+    done.sort(key=lambda c: -c.gain)
+    after = base_of(bench, base, (*base.taken, done[0].insertion), done[1], rules)
+    gate = residuals(after.fit)
+    return after, [step_of(part, gate, [part]) for part in done]
