@@ -13,6 +13,7 @@ import numpy as np
 from cartpend_dae.discover.attempts import kept
 from cartpend_dae.discover.bases import base_of, fit_base
 from cartpend_dae.discover.choice import are_parallel, contains, step_of
+from cartpend_dae.discover.disturbed import is_composite
 from cartpend_dae.discover.evidence import bic
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.nested import as_plain
@@ -68,10 +69,12 @@ def couple(
     stage
         Bandwidth of the output injection at which they were screened [rad/s].
     """
-    best = ranked[0] if ranked else None
-    if best is not None and not best.why_not and best.fit is not None and _leaves_noise(best.fit):
+    best = next((c for c in ranked[:1] if c.fit is not None and not c.why_not and _leaves_noise(c.fit)), None)
+    if best is not None and not is_composite(best):
         return None
     few = promising(ranked)
+    if best is not None:  # it does several things at once: two effects may do so with fewer parameters
+        few = [pair for pair in few if pair.n_parameters < len(best.insertion.parameter_names)]
     for c in few:
         bench.expect(c.parameters)
     few = _fitted(bench, base, rules, few, (stage,), (EARLY, ROUGH))[:NARROW]

@@ -16,6 +16,7 @@ WS = shape("w_s", (0.1, 1.0), ("v_s", (0.005, 0.05)))
 # a peak at rest alone: a wide band would be another Stribeck curve
 BAND = choice("w_s", (0.02,), ("v_s", (0.001,)))
 AT_REST = {"tau_s": "tau_c", "f_s": "f_c"}
+# measured peaks are 1 to 2 times the level of sliding (Armstrong-Helouvry 1994); beyond 3 it is another law in disguise
 PHI_S = shape("phi_s", (0.005, 0.05), ("s_s", (0.001, 0.01)))
 
 
@@ -171,7 +172,7 @@ def friction_cards() -> tuple[Card, ...]:
             components={R: rotational_losses.LuGreFriction, T: translational_losses.LuGreFriction},
             parameters=(
                 level("tau_c", "f_c"),
-                shape("r_s", (1.5,), lower=1.0, upper=10.0),
+                shape("r_s", (1.5,), lower=1.0, upper=3.0),
                 WS,
                 PHI_S,
                 level("d_1"),
