@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cartpend_dae.discover import choice
+from cartpend_dae.discover import choice, disturbed
 from cartpend_dae.discover.evidence import lead
 from cartpend_dae.discover.workbench import last_bandwidth
 from cartpend_dae.effects import catalogue
@@ -54,7 +54,7 @@ def test_predictions_are_compared_where_an_observer_forgets_within_their_horizon
 def test_an_effect_in_series_that_contains_another_one_is_known():
     def is_composite(name):
         (card,) = (card for card in catalogue() if card.id == name)
-        return choice._is_composite(SimpleNamespace(insertion=SimpleNamespace(card=card)))
+        return disturbed.is_composite(SimpleNamespace(insertion=SimpleNamespace(card=card)))
 
     assert is_composite("chain_tension_friction")
     assert not any(map(is_composite, ("compliance", "backlash", "gear_loss", "asymmetric_friction")))
