@@ -44,7 +44,7 @@ CLEAN = 2.5
 # what explains less than this share of what the additions before do is their shape, even if it leaves noise alone
 TOUCH = 0.01
 # an effect that is really there leaves at most this share of what it explains; where small disturbances alone move a
-# rig, some effect or other leaves 0.2 of it and more (9 runs of the blind bed's rigs)
+# rig, some effect or other leaves 0.17 of it and more (10 runs of the blind bed's rigs)
 MOST = 0.1
 # chi2 of noise alone over the number of residuals: its sd, taken from the raw data, scatters by 4 to 7 percent
 NOISE_ALONE = 1.12

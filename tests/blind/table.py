@@ -151,7 +151,8 @@ def main(argv: list[str] | None = None) -> int:
         lines += ["", "### By an earlier package", "", *(line.replace("### ", "#### ") for line in earlier)]
     print("\n".join(lines))
     if options.write:
-        put_into(options.write, COMMAND.format(seeds_of(found, package)), lines)
+        further = f" --before {options.before}" if options.before else ""
+        put_into(options.write, COMMAND.format(seeds_of(found, package)) + further, lines)
     return 0
 
 
