@@ -98,7 +98,7 @@ def open_set(bench: Workbench, search: Search, *, kinds: tuple[ClosureKind, ...]
     last = 0.0 if is_free else search.bandwidth
     sd = bench.problem(taken).prior_sd if is_free else search.final.weights_sd
     begin = where.followed
-    compared = search.final if search.bandwidth == last else bench.fit(taken, begin.point, (last,), sd)
+    compared = search.final if search.bandwidth == last else bench.fit(taken, begin.point, (last,), sd, patient=False)
     stages = (FOLLOW * bench.frequency, last) if is_free else (last,)
     found = []
     bench.begin("closures", len(kinds))

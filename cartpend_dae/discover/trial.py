@@ -255,8 +255,10 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate]) ->
     left = sorted(c.fit.chi2 - c.fit.n_residuals for c in few if c.fit is not None)
     least = max(left[0], LITTLE * base.fit.n_residuals) if left else 0.0
     few.sort(key=lambda c: bic(c.fit) if c.fit else np.inf)
-    simple = [c for c in few[NARROW:] if _is_simple(c)]
-    near = [c for c in few[:NARROW] + simple if c.fit and c.fit.chi2 - c.fit.n_residuals <= BEHIND * least]
+    # rough steps may leave the same of all of them: what explained most at the first stage stays
+    most = min(few, key=_left_early, default=None)
+    near = few[:NARROW] + [c for c in few[NARROW:] if _is_simple(c) or c is most]
+    near = [c for c in near if c.fit and c.fit.chi2 - c.fit.n_residuals <= BEHIND * least]
     near += [c for c in few if _is_simple(c) and c not in near and any(_may_be_rounded(c, other) for other in near)]
     found += [replace(c, fit=None, why_not="others explain more at the next stage") for c in few if c not in near]
     few = near
@@ -268,6 +270,10 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate]) ->
             continue
         found += each(bench, these, lambda at, candidate: _judge(at, base, rules, candidate), "last fit")
     return found
+
+
+def _left_early(candidate: Candidate) -> float:
+    return np.inf if candidate.early is None else candidate.early
 
 
 def _may_be_rounded(plain: Candidate, best: Candidate) -> bool:
