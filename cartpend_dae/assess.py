@@ -115,7 +115,7 @@ def _run_error(
     if experiment.score != "free":
         experiment = replace(experiment, piece=None)
     problem = make_problem(system, (), (experiment,), step=step)
-    start = estimate(problem).point if experiment.piece else _fitted_start(system, experiment, step)
+    start = estimate(problem, patient=False).point if experiment.piece else _fitted_start(system, experiment, step)
     observer = bandwidth or 5 * dominant_frequency((experiment,))
     if experiment.score == "free":
         prediction = predict(problem, start, 0.0)
@@ -147,7 +147,7 @@ def _fitted_start(system: System, experiment: Experiment, step: float | None) ->
     n = min(max(START_SAMPLES, n), experiment.time.size)
     short = replace(shorter(experiment, slice(0, n)), piece=None)
     problem = make_problem(system, (), (short,), step=step)
-    return estimate(problem).point
+    return estimate(problem, patient=False).point
 
 
 def _over_horizons(
