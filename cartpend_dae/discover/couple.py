@@ -18,7 +18,7 @@ from cartpend_dae.discover.evidence import bic
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.nested import as_plain
 from cartpend_dae.discover.records import Candidate, Step
-from cartpend_dae.discover.screen import is_other_law
+from cartpend_dae.discover.screen import is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import CLEAN, MIN_BIC_GAIN, NOISE_ALONE, TOUCH
 from cartpend_dae.discover.workbench import ROUGH, Workbench
@@ -27,6 +27,8 @@ from cartpend_dae.identify import Fit
 
 # so many couples are fitted roughly, in so many steps; the best of them with less injection, and the best to the end
 WIDE, EARLY, NARROW, LATER, LAST = 10, 8, 4, 12, 2
+# beside so many effects, as fitted, so many others are tried each
+FIRST, SECOND = 3, 4
 # a plainer law that promises this share of a richer one stands for it
 PLAIN = 0.5
 # a rough fit that leaves more than so many times noise leaves something else
@@ -73,21 +75,40 @@ def couple(
     if best is not None and not is_composite(best):
         return None
     few = promising(ranked)
-    if best is not None:  # it does several things at once: two effects may do so with fewer parameters
-        few = [pair for pair in few if pair.n_parameters < len(best.insertion.parameter_names)]
-    for c in few:
-        bench.expect(c.parameters)
+    if best is not None:  # it does several things at once: two effects may do so with no more parameters
+        few = [pair for pair in few if pair.n_parameters <= len(best.insertion.parameter_names)]
+        return _whole(bench, base, rules, few, ranked, stage)
+    made = _whole(bench, base, rules, few, ranked, stage)
+    return made or _whole(bench, base, rules, beside(bench, base, rules, ranked, stage), ranked, stage)
+
+
+def _whole(
+    bench: Workbench, base: Base, rules: Rules, few: list[Couple], ranked: list[Candidate], stage: float
+) -> tuple[Base, list[Step]] | None:
+    """Return the model with the plainest of some couples that leaves nothing but noise; see `couple`."""
+    for pair in few:
+        for part in (pair.one, pair.other):
+            bench.expect({name: pair.parameters[name] for name in part.insertion.parameter_names})
     few = _fitted(bench, base, rules, few, (stage,), (EARLY, ROUGH))[:NARROW]
     few = [c for c in few if c.fit is not None and c.fit.chi2 < LOOSE * c.fit.n_residuals]
     least = bench.last or min(w for w in rules.stages if w > 0)
     few = _fitted(bench, base, rules, few, (least,), (LATER, ROUGH))[:LAST]
     few = _fitted(bench, base, rules, few, (bench.last,), None)
-    good = [c for c in few if c.fit is not None and _leaves_noise(c.fit)]
+    best = next((c for c in ranked[:1] if not c.why_not), None)
+    good = [c for c in few if c.fit is not None and _leaves_noise(c.fit) and _is_better(c, best)]
     for found in sorted(good, key=lambda c: (c.n_parameters, c.fit.chi2 if c.fit else np.inf)):
         made = _made(bench, base, rules, found, ranked)
         if made is not None:
             return made
     return None
+
+
+def _is_better(both: Couple, best: Candidate | None) -> bool:
+    """Return whether two effects explain more than one that does several things at once, or as much more plainly."""
+    if best is None or best.fit is None or both.n_parameters < len(best.insertion.parameter_names):
+        return True
+    assert both.fit is not None
+    return bic(best.fit) - bic(both.fit) > MIN_BIC_GAIN
 
 
 def simpler(
@@ -149,6 +170,41 @@ def promising(ranked: list[Candidate]) -> list[Couple]:
         both = Couple(one, other, float(sizes @ alone[[i, j]]), _scaled(one, shares[0]) | _scaled(other, shares[1]))
         found.append((both.predicted - price * both.n_parameters, both))
     return [both for _, both in sorted(found, key=lambda pair: -pair[0])[:WIDE]]
+
+
+def beside(bench: Workbench, base: Base, rules: Rules, ranked: list[Candidate], stage: float) -> list[Couple]:
+    """Return couples of an effect as it was fitted and of those that promise most of what it leaves.
+
+    Of effects that are far from small the first order does not tell what others explain beside them. Arguments are
+    those of `couple`.
+    """
+    able = sorted((c for c in ranked if c.early is not None and not is_composite(c)), key=lambda c: c.early or np.inf)
+    strong: list[Candidate] = []
+    for c in able:
+        plainer = [
+            d for d in able if contains(c, d, ranked) and _explains(d, base, stage) > PLAIN * _explains(c, base, stage)
+        ]
+        first = min(plainer, key=lambda d: (len(d.insertion.parameter_names), d.early), default=c)
+        if not any(first is d or is_other_law(first, d) for d in strong):
+            strong.append(first)
+    found: list[Couple] = []
+    for one in strong[:FIRST]:
+        taken = (*base.taken, one.insertion)
+        options = [c.insertion for c in ranked if c is not one and not is_other_law(c, one) and not is_composite(c)]
+        try:
+            guess = base.fits[stage].point | one.parameters
+            fit = bench.fit(taken, guess, (stage,), rules.sd, patient=False, iterations=EARLY, stride=ROUGH)
+            screened = screen(bench, taken, fit.point, options, stage, rules.sd)
+        except (SolverError, ModelError):
+            continue
+        others = [c for c in screened if not c.why_not][:SECOND]
+        less = base.fits[stage].chi2 - fit.chi2
+        found += [Couple(one, c, less + c.predicted, {**fit.point, **c.parameters}) for c in others]
+    return found
+
+
+def _explains(candidate: Candidate, base: Base, stage: float) -> float:
+    return base.fits[stage].chi2 - (np.inf if candidate.early is None else candidate.early)
 
 
 def _scaled(candidate: Candidate, share: float) -> dict[str, float]:
