@@ -30,6 +30,8 @@ MOVED = ("disturbances", "forces")
 RICH = 4
 # standard deviations, from block to block, by which one model must explain the runs better to stand against another
 CLEARLY = 3.0
+# share of what a law of dry friction explains against random forces by which another one of its contact is clearly better
+LAW = 0.1
 # share of the random forces of the model before that is not small
 MUCH = 0.5
 
@@ -214,7 +216,8 @@ def _forced(bench: Workbench, noise: Rules, base: Base) -> tuple[Rules, Base]:
 def _is_confirmed(bench: Workbench, step: Step, start: Base, rules: Rules, library: Library) -> bool:
     """Return whether an effect explains as much against random forces as the one that would be taken there.
 
-    One with fewer parameters that explains as much speaks against it.
+    One with fewer parameters that explains as much speaks against it. Which law a contact has is told by noise, unless
+    forces say so clearly.
     """
     ranked = weighed_trials(bench, start, rules, candidates(*library, ()), (step.candidate.insertion.prefix,))
     own = next((c for c in ranked if c.insertion.prefix == step.candidate.insertion.prefix), None)
@@ -223,7 +226,8 @@ def _is_confirmed(bench: Workbench, step: Step, start: Base, rules: Rules, libra
     best = ranked[0]
     if best is own or best.why_not:
         return True
-    return determined(best.fit) >= determined(own.fit) and best.gain - own.gain < margin_of(best.gain)
+    margin = LAW * best.gain if is_other_law(best, own) else margin_of(best.gain)
+    return determined(best.fit) >= determined(own.fit) and best.gain - own.gain < margin
 
 
 def _uncovered(bench: Workbench, start: Base, rules: Rules, library: Library, log: _Log) -> tuple[Base, Step] | None:
