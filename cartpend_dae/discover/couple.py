@@ -15,12 +15,12 @@ from cartpend_dae.discover.bases import base_of, fit_base
 from cartpend_dae.discover.choice import are_parallel, contains, step_of
 from cartpend_dae.discover.disturbed import is_composite
 from cartpend_dae.discover.evidence import bic
-from cartpend_dae.discover.gate import residuals
+from cartpend_dae.discover.gate import CLEAN, residuals
 from cartpend_dae.discover.nested import as_plain
 from cartpend_dae.discover.records import Candidate, Step
 from cartpend_dae.discover.screen import is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import CLEAN, MIN_BIC_GAIN, NOISE_ALONE, TOUCH
+from cartpend_dae.discover.trial import MIN_BIC_GAIN, NOISE_ALONE, TOUCH
 from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.identify import Fit

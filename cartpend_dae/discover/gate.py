@@ -8,6 +8,8 @@ from cartpend_dae.identify import Fit
 
 # largest value of z seen on 90 noise-only data sets: 2.8; smallest on a real effect: 10.3
 LIMIT = 4.0
+# of what is noise beyond doubt it is smaller than this
+CLEAN = 2.5
 
 
 def z_beyond_rounding(residual: np.ndarray, quantum: float) -> float:

@@ -30,7 +30,7 @@ MOVED = ("disturbances", "forces")
 RICH = 4
 # standard deviations, from block to block, by which one model must explain the runs better to stand against another
 CLEARLY = 3.0
-# share of what a law of dry friction explains against random forces by which another one of its contact is clearly better
+# share of what a law of dry friction explains against random forces by which another of its contact is clearly better
 LAW = 0.1
 # share of the random forces of the model before that is not small
 MUCH = 0.5

@@ -9,7 +9,7 @@ from cartpend_dae.discover.attempts import each
 from cartpend_dae.discover.choice import SAME, SHAPE, are_parallel, ordered_by_bic, rounded_first, second
 from cartpend_dae.discover.disturbed import judge, ordered, penalty
 from cartpend_dae.discover.evidence import bic, coloured_bic
-from cartpend_dae.discover.gate import residuals
+from cartpend_dae.discover.gate import CLEAN, residuals
 from cartpend_dae.discover.nested import own, restarted
 from cartpend_dae.discover.predicted import trials
 from cartpend_dae.discover.records import Candidate
@@ -39,8 +39,6 @@ FAINT = 0.03
 BEHIND, LITTLE = 10.0, 0.1
 # noise alone: drop of BIC (largest on 90 data sets with nothing missing: 8.6)
 MIN_BIC_GAIN = 20.0
-# von Neumann's z of what is noise beyond doubt: below the largest of 90 data sets with nothing missing
-CLEAN = 2.5
 # what explains less than this share of what the additions before do is their shape, even if it leaves noise alone
 TOUCH = 0.01
 # an effect that is really there leaves at most this share of what it explains; where small disturbances alone move a
