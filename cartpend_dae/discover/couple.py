@@ -146,11 +146,7 @@ def simpler(
 def promising(ranked: list[Candidate]) -> list[Couple]:
     """Return the couples that promise most, each parameter at its price of BIC; a plain law stands for richer ones."""
     able = [c for c in ranked if c.response is not None and c.predicted > 0]
-    able = [
-        c
-        for c in able
-        if not any(d is not c and contains(c, d, able) and d.predicted > PLAIN * c.predicted for d in able)
-    ]
+    able = _plain(able)
     able.sort(key=lambda c: (len(c.insertion.parameter_names), -c.predicted))
     able = [c for k, c in enumerate(able) if not any(are_parallel(c, d, SAME) for d in able[:k])]
     if len(able) < 2:
@@ -197,10 +193,19 @@ def beside(bench: Workbench, base: Base, rules: Rules, ranked: list[Candidate], 
             screened = screen(bench, taken, fit.point, options, stage, rules.sd)
         except (SolverError, ModelError):
             continue
-        others = [c for c in screened if not c.why_not][:SECOND]
+        others = _plain([c for c in screened if not c.why_not])[:SECOND]
         less = base.fits[stage].chi2 - fit.chi2
         found += [Couple(one, c, less + c.predicted, {**fit.point, **c.parameters}) for c in others]
     return found
+
+
+def _plain(able: list[Candidate]) -> list[Candidate]:
+    """Leave out laws that promise little more than a plainer one of the same place, which they contain."""
+    return [
+        c
+        for c in able
+        if not any(d is not c and contains(c, d, able) and d.predicted > PLAIN * c.predicted for d in able)
+    ]
 
 
 def _explains(candidate: Candidate, base: Base, stage: float) -> float:
