@@ -20,8 +20,9 @@ from cartpend_dae.discover.nested import as_plain
 from cartpend_dae.discover.records import Candidate, Step
 from cartpend_dae.discover.screen import is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import MIN_BIC_GAIN, NOISE_ALONE, TOUCH
+from cartpend_dae.discover.trial import MIN_BIC_GAIN, NOISE_ALONE, TOUCH, is_far_from_noise
 from cartpend_dae.discover.workbench import ROUGH, Workbench
+from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.identify import Fit
 
@@ -54,7 +55,7 @@ class Couple:
 
 
 def couple(
-    bench: Workbench, base: Base, rules: Rules, ranked: list[Candidate], stage: float
+    bench: Workbench, base: Base, rules: Rules, options: list[Insertion], ranked: list[Candidate], stage: float
 ) -> tuple[Base, list[Step]] | None:
     """Return the model with two more effects that together leave nothing but noise, and both steps.
 
@@ -66,6 +67,8 @@ def couple(
         The model so far, in the regime of noise.
     rules
         How to fit and decide.
+    options
+        What may be added, from each of its starts.
     ranked
         Candidates of this round, the best first.
     stage
@@ -79,7 +82,7 @@ def couple(
         few = [pair for pair in few if pair.n_parameters <= len(best.insertion.parameter_names)]
         return _whole(bench, base, rules, few, ranked, stage)
     made = _whole(bench, base, rules, few, ranked, stage)
-    return made or _whole(bench, base, rules, beside(bench, base, rules, ranked, stage), ranked, stage)
+    return made or _whole(bench, base, rules, beside(bench, base, rules, options, ranked, stage), ranked, stage)
 
 
 def _whole(
@@ -168,7 +171,9 @@ def promising(ranked: list[Candidate]) -> list[Couple]:
     return [both for _, both in sorted(found, key=lambda pair: -pair[0])[:WIDE]]
 
 
-def beside(bench: Workbench, base: Base, rules: Rules, ranked: list[Candidate], stage: float) -> list[Couple]:
+def beside(
+    bench: Workbench, base: Base, rules: Rules, options: list[Insertion], ranked: list[Candidate], stage: float
+) -> list[Couple]:
     """Return couples of an effect as it was fitted and of those that promise most of what it leaves.
 
     Of effects that are far from small the first order does not tell what others explain beside them. Arguments are
@@ -186,14 +191,15 @@ def beside(bench: Workbench, base: Base, rules: Rules, ranked: list[Candidate], 
     found: list[Couple] = []
     for one in strong[:FIRST]:
         taken = (*base.taken, one.insertion)
-        options = [c.insertion for c in ranked if c is not one and not is_other_law(c, one) and not is_composite(c)]
+        rest = [option for option in options if option.prefix != one.insertion.prefix]
         try:
             guess = base.fits[stage].point | one.parameters
             fit = bench.fit(taken, guess, (stage,), rules.sd, patient=False, iterations=EARLY, stride=ROUGH)
-            screened = screen(bench, taken, fit.point, options, stage, rules.sd)
+            screened = screen(bench, taken, fit.point, rest, stage, rules.sd)
         except (SolverError, ModelError):
             continue
-        others = _plain([c for c in screened if not c.why_not])[:SECOND]
+        able = [c for c in screened if not c.why_not and not is_other_law(c, one) and not is_composite(c)]
+        others = _plain(able)[:SECOND]
         less = base.fits[stage].chi2 - fit.chi2
         found += [Couple(one, c, less + c.predicted, {**fit.point, **c.parameters}) for c in others]
     return found
@@ -279,7 +285,8 @@ def _made(
     for part, rest in (parts, parts[::-1]):
         without = fit_base(bench, (*base.taken, rest.insertion), fit.point, rules).fit
         gain, share = bic(without) - bic(fit), (without.chi2 - fit.chi2) / max(base.bare - fit.chi2, 1e-300)
-        if gain < MIN_BIC_GAIN or (share < TOUCH and not is_plain):
+        is_shape = share < TOUCH and not is_plain and not is_far_from_noise(without, fit)
+        if gain < MIN_BIC_GAIN or is_shape:
             return None
         values = {name: fit.values[name] for name in part.insertion.parameter_names}
         done.append(replace(part, parameters=values, gain=gain, fit=fit, why_not=""))

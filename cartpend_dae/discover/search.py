@@ -295,7 +295,7 @@ def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _L
     else:
         stage, ranked = 0.0, try_all(bench, base, rules, options)
     log.tried |= {candidate.insertion.prefix: candidate for candidate in ranked}
-    both = couple(bench, base, rules, ranked, stage) if rules.regime == "noise" and n_more > 1 else None
+    both = couple(bench, base, rules, options, ranked, stage) if rules.regime == "noise" and n_more > 1 else None
     if both is not None:
         log.base, log.steps = both[0], [*log.steps, *both[1]]
         return log.base

@@ -41,6 +41,9 @@ BEHIND, LITTLE = 10.0, 0.1
 MIN_BIC_GAIN = 20.0
 # what explains less than this share of what the additions before do is their shape, even if it leaves noise alone
 TOUCH = 0.01
+# ... unless so many times noise were left before: where another shape was mended, 1.5 to 2.5 times were (tuning seeds
+# of the blind bed); of two effects the first leaves 100 times and more
+FAR = 20.0
 # an effect that is really there leaves at most this share of what it explains; where small disturbances alone move a
 # rig, some effect or other leaves 0.17 of it and more (10 runs of the blind bed's rigs)
 MOST = 0.1
@@ -335,9 +338,15 @@ def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> 
 def _is_shape_error(base: Base, fit: Fit) -> bool:
     """Return whether an addition could be what the laws before it are wrong by."""
     share = (base.fit.chi2 - fit.chi2) / max(base.bare - base.fit.chi2, 1e-300)
-    if not base.taken or share > SHAPE:
+    if not base.taken or share > SHAPE or is_far_from_noise(base.fit, fit):
         return False
     return share < TOUCH or residuals(fit).is_passed or fit.chi2 > NOISE_ALONE * fit.n_residuals
+
+
+def is_far_from_noise(before: Fit, after: Fit) -> bool:
+    """Return whether much more than noise was left before, and noise alone is after: no error of a law is mended so."""
+    is_noise = residuals(after).largest < CLEAN and after.chi2 < NOISE_ALONE * after.n_residuals
+    return is_noise and before.chi2 > FAR * before.n_residuals
 
 
 def is_nearly_all(base: Base) -> bool:
