@@ -9,10 +9,10 @@ from test_discover_pendulum import clean_run, noisy_setup
 from cartpend_dae.discover.choice import ordered_by_bic
 from cartpend_dae.discover.couple import promising
 from cartpend_dae.discover.disturbed import ordered
-from cartpend_dae.discover.nested import PEAK, own, restarted
+from cartpend_dae.discover.nested import PEAK, own, restarted, simplified
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import MOST, is_most
+from cartpend_dae.discover.trial import FAR, MOST, is_far_from_noise, is_most
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import insertion_at
 from cartpend_dae.uncertainty import Estimate
@@ -60,6 +60,27 @@ def test_richer_laws_that_explain_less_start_from_the_plainer_one(fitted):
     assert ways == {"tau_c_pos": 0.5, "tau_c_neg": 0.5, "d_pos": 0.0, "d_neg": 0.0}
     # the whole fit goes along: what is free besides, and where the run starts
     assert again[0].parameters["bearing.d"] == coulomb.fit.point["bearing.d"]
+
+
+def test_a_plain_law_that_leaves_much_more_starts_from_the_richer_one_that_contains_it(fitted):
+    stuck = fitted("coulomb_friction", 0.0, 900.0, tau_c=0.3)
+    near = fitted("hysteresis", 0.0, 150.0)
+    rich = fitted("stribeck_friction", 0.0, 100.0, tau_c=0.45, tau_s=0.46, w_s=0.1, d=0.0)
+    again = simplified([stuck, near, rich], lambda c: c.fit.chi2 if c.fit else np.inf)
+    assert names(again) == ["coulomb_friction"]
+    assert own(again[0]).parameters == {"bearing.coulomb_friction.tau_c": 0.45}
+    assert not simplified([replace(stuck, fit=replace(stuck.fit, chi2=199.0)), rich], lambda c: c.fit.chi2)
+
+
+def test_what_takes_far_more_than_noise_to_noise_alone_mends_no_shape(plain_fit):
+    n = plain_fit.n_residuals
+    rng = np.random.default_rng(3)
+    white = tuple(replace(run, residual=rng.normal(size=run.residual.shape)) for run in plain_fit.runs)
+    noise = replace(plain_fit, runs=white, chi2=1.0 * n)
+    assert is_far_from_noise(replace(plain_fit, chi2=1.1 * FAR * n), noise)
+    assert not is_far_from_noise(replace(plain_fit, chi2=0.9 * FAR * n), noise)
+    assert not is_far_from_noise(replace(plain_fit, chi2=1.1 * FAR * n), replace(plain_fit, chi2=1.0 * n))
+    assert not is_far_from_noise(replace(plain_fit, chi2=1.1 * FAR * n), replace(noise, chi2=2.0 * n))
 
 
 def test_where_none_leaves_noise_sizes_that_are_not_determined_come_last(bench, plain_fit, fitted):

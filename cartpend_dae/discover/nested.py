@@ -1,6 +1,7 @@
-"""Where a richer law starts anew: from a plainer one of the same place that it contains, and yet explains less than.
+"""Where a law starts anew: from one of the same place that contains it or that it contains, and that went further.
 
-A law explains no less than one that it contains. Where its fit does, it went astray, as one does that sticks for good.
+A law explains no less than one that it contains. Where its fit does, it went astray, as one does that sticks for good;
+so may one that explains much less than a richer law, of which it may be a case.
 """
 
 from collections.abc import Callable
@@ -11,6 +12,8 @@ from cartpend_dae.effects import Insertion
 
 # a peak at rest begins so many times as high as what it peaks above: at its height no start from rest tells it
 PEAK = 1.3
+# a law that leaves so many times more than a richer one starts from that
+MUCH = 2.0
 # ends of names of a parameter each way
 WAYS = ("_pos", "_neg")
 
@@ -38,6 +41,41 @@ def restarted(fitted: list[Candidate], worth: Callable[[Candidate], float]) -> l
             continue
         found.append(replace(rich, parameters={**best.fit.point, **as_plain(rich.insertion, best)}, fit=None))
     return found
+
+
+def simplified(fitted: list[Candidate], left: Callable[[Candidate], float]) -> list[Candidate]:
+    """Return the plainer ones of some candidates from the best richer one that leaves much less, with its whole fit.
+
+    Parameters
+    ----------
+    fitted
+        Candidates that were fitted, or failed.
+    left
+        What a candidate leaves; infinite without a fit.
+
+    Returns
+    -------
+    list
+        Candidates as of `restarted`.
+    """
+    found: list[Candidate] = []
+    for plain in fitted:
+        rich = min((c for c in fitted if c.fit is not None and _holds(c, plain)), key=left, default=None)
+        if rich is None or rich.fit is None or left(plain) < MUCH * left(rich):
+            continue
+        values = _shared(plain.insertion, rich)
+        if values:
+            found.append(replace(plain, parameters={**rich.fit.point, **plain.parameters, **values}, fit=None))
+    return found
+
+
+def _shared(insertion: Insertion, rich: Candidate) -> dict[str, float]:
+    """Return the parameters of a law that a richer one has too, as fitted there."""
+    assert rich.fit is not None
+    there = {name.rpartition(".")[2]: rich.fit.values[name] for name in rich.insertion.parameter_names}
+    return {
+        name: there[name.rpartition(".")[2]] for name in insertion.parameter_names if name.rpartition(".")[2] in there
+    }
 
 
 def own(candidate: Candidate) -> Candidate:

@@ -10,7 +10,7 @@ from cartpend_dae.discover.choice import SAME, SHAPE, are_parallel, ordered_by_b
 from cartpend_dae.discover.disturbed import judge, ordered, penalty
 from cartpend_dae.discover.evidence import bic, coloured_bic
 from cartpend_dae.discover.gate import CLEAN, residuals
-from cartpend_dae.discover.nested import own, restarted
+from cartpend_dae.discover.nested import own, restarted, simplified
 from cartpend_dae.discover.predicted import trials
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.screen import is_other_law, promise, screen
@@ -223,7 +223,9 @@ def _first_fits(bench: Workbench, base: Base, rules: Rules, stage: float, wide: 
         new = _best_of_each(new, lambda c: c.fit.chi2 if c.fit else np.inf)
         found += new
         enough = enough or _enough(bench, base, rules, new)
-    return found
+    again = simplified(found, lambda c: c.fit.chi2 if c.fit else np.inf)
+    new = map(own, each(bench, again, lambda at, c: _tried(at, base, rules, stage, c), "first fit"))
+    return _best_of_each([*found, *new], lambda c: c.fit.chi2 if c.fit else np.inf)
 
 
 def _enough(bench: Workbench, base: Base, rules: Rules, new: list[Candidate]) -> Candidate | None:
