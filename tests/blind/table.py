@@ -80,9 +80,39 @@ def labels(truth: dict[str, Any], kind: str, detail: bool) -> list[str]:
     if kind == "single":
         found.append(f"{regime}: shape {truth['effects'][0]['shape']}")
     if detail and truth["effects"]:
-        hidden = " + ".join(f"`{h['effect']}` at `{h['at']}`" for h in truth["effects"])
-        found.append(f"{regime}: {rig}: {hidden}")
+        found.append(f"{regime}: {rig}: {name_of(truth).partition(': ')[2]}")
     return found
+
+
+def misses(found: list[tuple[Record, Score]]) -> list[str]:
+    """Return a table of all data sets that are not exactly right, with what was found in them.
+
+    A law is noted that the hidden one contains, where the data leave that no more to explain: they cannot tell it.
+    """
+    lines = [
+        "",
+        "### not exactly right, one by one",
+        "",
+        "| data set | shapes | found | verdict | error removed | |",
+        "|---|---|---|---|--:|---|",
+    ]
+    wrong = [(r, s) for r, s in found if r["result"] is not None and not s.is_exact and r["truth"]["kind"] != "open"]
+    for record, of in sorted(wrong, key=lambda entry: name_of(entry[0]["truth"])):
+        truth, steps = record["truth"], record["result"]["steps"]
+        hidden = [f"{h['effect']} at" for h in truth["effects"]]
+        told = any(law.startswith(h) for step in steps for law in step.get("contained_in", ()) for h in hidden)
+        names = ", ".join(f"`{step['effect']}` at `{step['at']}`" for step in steps) or "nothing"
+        shapes = ", ".join(h["shape"] for h in truth["effects"])
+        error = "–" if of.recovered is None else f"{of.recovered:.3f}"
+        note = "a simpler case of the hidden law, which explains no more" if told else ""
+        lines.append(f"| {name_of(truth)} | {shapes} | {names} | {of.verdict} | {error} | {note} |")
+    return lines if wrong else []
+
+
+def name_of(truth: dict[str, Any]) -> str:
+    """Return what a data set is called in the table."""
+    hidden = " + ".join(f"`{h['effect']}` at `{h['at']}`" for h in truth["effects"]) or "nothing"
+    return f"{truth['rig']}, {truth['regime']}, {truth['seed']}: {hidden}"
 
 
 def origin(every: list[Record], chosen: list[Record]) -> list[str]:
@@ -130,7 +160,8 @@ def page(every: list[Record], package: str, *, tuning: bool, detail: bool) -> li
     lines = [f"Blind data sets, {what}, package {package}.", "", *origin(every, chosen), *gaps(chosen)]
     failed = Counter(r["failure"][:80] for r in chosen if r["result"] is None)
     lines += [f"Failed: {count} with `{reason}`." for reason, count in failed.most_common()]
-    return lines + sections([(r, scored(r)) for r in chosen], detail)
+    found = [(r, scored(r)) for r in chosen]
+    return [*lines, *sections(found, detail), *misses(found)]
 
 
 def main(argv: list[str] | None = None) -> int:
