@@ -273,7 +273,8 @@ def _made(
     """Return the model with a couple in it, if neither effect can be left out, nor is the shape of one law.
 
     What is left without one of them must be more than laws may be wrong by, or both together have no more parameters
-    than the law that explains most alone.
+    than the law that explains most alone. Where one does it alone from here, which it did not from its own starts, it
+    is taken.
     """
     fit, parts = both.fit, (both.one, both.other)
     assert fit is not None
@@ -282,15 +283,27 @@ def _made(
     lone = [c for c in ranked if c.fit is not None and not c.why_not]
     is_plain = bool(lone) and both.n_parameters <= len(lone[0].insertion.parameter_names)
     done: list[Candidate] = []
+    alone: list[Candidate] = []
     for part, rest in (parts, parts[::-1]):
         without = fit_base(bench, (*base.taken, rest.insertion), fit.point, rules).fit
         gain, share = bic(without) - bic(fit), (without.chi2 - fit.chi2) / max(base.bare - fit.chi2, 1e-300)
         is_shape = share < TOUCH and not is_plain and not is_far_from_noise(without, fit)
-        if gain < MIN_BIC_GAIN or is_shape:
+        if gain < MIN_BIC_GAIN and _leaves_noise(without):
+            alone.append(_fitted_alone(rest, without, base.fit))
+        elif gain < MIN_BIC_GAIN or is_shape:
             return None
-        values = {name: fit.values[name] for name in part.insertion.parameter_names}
-        done.append(replace(part, parameters=values, gain=gain, fit=fit, why_not=""))
+        done.append(replace(_fitted_alone(part, fit, base.fit), gain=gain))
+    if alone:
+        best = max(alone, key=lambda c: c.gain)
+        after = base_of(bench, base, base.taken, best, rules)
+        others = [c for c in ranked if c.insertion.prefix != best.insertion.prefix]
+        return after, [step_of(best, residuals(after.fit), [best, *others])]
     done.sort(key=lambda c: -c.gain)
     after = base_of(bench, base, (*base.taken, done[0].insertion), done[1], rules)
     gate = residuals(after.fit)
     return after, [step_of(part, gate, [part]) for part in done]
+
+
+def _fitted_alone(part: Candidate, fit: Fit, before: Fit) -> Candidate:
+    values = {name: fit.values[name] for name in part.insertion.parameter_names}
+    return replace(part, parameters=values, gain=bic(before) - bic(fit), fit=fit, why_not="")
