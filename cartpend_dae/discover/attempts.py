@@ -9,9 +9,10 @@ import numpy as np
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.errors import ModelError, SolverError
-from cartpend_dae.identify import Fit
 from cartpend_dae.parallel import executor, in_parallel, is_shared
 
+# what a work on a candidate finds out
+FOUND = ("parameters", "gain", "t", "fit", "why_not", "early", "begun")
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -24,19 +25,18 @@ def each(
     is_quiet = is_shared(bench.jobs)
     at = bench.quiet() if is_quiet else bench
 
-    def attempt(candidate: Candidate) -> tuple[dict[str, float], float, float, Fit | None, str, float | None]:
+    def attempt(candidate: Candidate) -> dict[str, Any]:
         try:
             done = work(at, candidate)
         except (SolverError, ModelError) as error:
-            return candidate.parameters, 0.0, 0.0, None, f"its fit failed: {error}", candidate.early
-        return done.parameters, done.gain, done.t, done.fit, done.why_not, done.early
+            done = replace(candidate, gain=0.0, t=0.0, fit=None, why_not=f"its fit failed: {error}")
+        return {name: getattr(done, name) for name in FOUND}
 
     depends = [(stage, _content(candidate)) for candidate in items]
     found = []
     for candidate, result in zip(items, kept(bench, "candidate", depends, attempt, items), strict=True):
-        parameters, gain, t, fit, why_not, early = result
-        new = {"parameters": parameters, "gain": gain, "t": t, "fit": fit, "why_not": why_not, "early": early}
-        found.append(replace(candidate, **new))
+        found.append(replace(candidate, **result))
+        fit = result["fit"]
         if is_quiet and fit is not None:
             bench.report(stage, candidate.insertion.prefix, float(np.sqrt(fit.chi2 / fit.n_residuals)))
     return found

@@ -1,5 +1,6 @@
 """The data that the stages of discovery hand on."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -80,7 +81,8 @@ class Candidate:
     `gain` is the drop of the criterion (BIC in the regime of noise; -2 ln likelihood against random forces with
     disturbances); `t` is estimate over sd, there that of the block jackknife; `why_not` is empty for the one
     accepted. `response` is the direction in which it was predicted to move the residuals, `early` the chi^2 of the
-    first, rough fit, where there was one. `others` are the same effect from other starts that promise about as much.
+    first, rough fit, where there was one, and `begun` its point. `others` are the same effect from other starts that
+    promise about as much.
     """
 
     insertion: Insertion
@@ -92,6 +94,7 @@ class Candidate:
     why_not: str
     response: np.ndarray | None = field(default=None, compare=False, repr=False)
     early: float | None = None
+    begun: Mapping[str, float] = field(default_factory=dict[str, float], compare=False, repr=False)
     others: "tuple[Candidate, ...]" = field(default=(), compare=False, repr=False)
 
 

@@ -240,7 +240,7 @@ def _uncovered(bench: Workbench, start: Base, rules: Rules, library: Library, lo
     if not pointed:
         return None
     rivals = tuple(c.insertion.prefix for c in pointed)
-    ranked = weighed_trials(bench, start, rules, candidates(*library, ()), rivals)
+    ranked = weighed_trials(bench, start, rules, candidates(*library, ()), rivals, tuple(pointed))
     winner = ranked[0] if ranked else None
     if winner is None or winner.why_not or winner.fit is None:
         return None

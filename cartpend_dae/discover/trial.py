@@ -156,12 +156,17 @@ def _is_simple(candidate: Candidate) -> bool:
 
 
 def weighed_trials(
-    bench: Workbench, base: Base, rules: Rules, options: list[Insertion], rivals: tuple[str, ...] = ()
+    bench: Workbench,
+    base: Base,
+    rules: Rules,
+    options: list[Insertion],
+    rivals: tuple[str, ...] = (),
+    pointed: tuple[Candidate, ...] = (),
 ) -> list[Candidate]:
     """Screen all against random forces, fit the most promising, and judge.
 
     Where only `rivals` (prefixes of effects) are to be confirmed, they are fitted with the first few others, each from
-    one start.
+    one start; those `pointed` at are fitted from the point of their first fit too, whatever they promise.
     """
     fit, weighed = base.fit, base.weighed
     assert weighed is not None
@@ -183,7 +188,10 @@ def weighed_trials(
     def judged_at(at: Workbench, candidate: Candidate) -> Candidate:
         return judge(at, base.taken, rules.loads, (fit, weighed), candidate, rules.sd, len(options))
 
-    judged = each(bench, few if rivals else _with_others(few), judged_at, "last fit")
+    starts = few if rivals else _with_others(few)
+    known = {c.insertion.prefix: c for c in screened}
+    told = [replace(known.get(c.insertion.prefix, c), parameters=dict(c.begun), why_not="") for c in pointed if c.begun]
+    judged = each(bench, [*starts, *told], judged_at, "last fit")
     judged = _best_of_each(judged, lambda c: -c.gain)
     again = restarted(judged, lambda c: c.gain if c.fit else -np.inf)
     judged += map(own, each(bench, again, judged_at, "last fit"))
@@ -295,7 +303,7 @@ def _tried(bench: Workbench, base: Base, rules: Rules, stage: float, candidate: 
     fit = bench.fit(together, guess, (stage,), rules.sd, patient=False, iterations=EARLY, stride=ROUGH)
     if not np.isfinite(fit.chi2):
         raise SolverError("its simulation diverges")
-    return replace(candidate, fit=fit, early=fit.chi2)
+    return replace(candidate, fit=fit, early=fit.chi2, begun=fit.point)
 
 
 def _nearer(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> Candidate:
