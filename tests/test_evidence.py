@@ -35,7 +35,7 @@ def test_the_lead_does_not_depend_on_units_nor_on_values_that_are_missing():
 
 def test_percent_of_chi2_are_percent_of_the_residuals_in_bic_however_large_chi2_is(monkeypatch):
     """BIC has n ln chi2: a model that leaves 5 % less gains 5 % of n, also where chi2 is a thousand times n."""
-    monkeypatch.setattr(choice, "residuals", lambda fit: SimpleNamespace(is_passed=True))
+    monkeypatch.setattr(choice, "residuals", lambda fit: SimpleNamespace(largest=3.0))
     found = [
         choice._margin(candidate, candidate)
         for chi2 in (1e3, 1e6)
