@@ -158,3 +158,14 @@ def test_a_plain_law_stands_for_a_richer_one_that_promises_little_more():
     far = promised("stribeck_friction", 1000.0, [1, 0.5, 0, 0])
     found = {c.insertion.card.id for couple in promising([far, coulomb, load]) for c in (couple.one, couple.other)}
     assert "stribeck_friction" in found
+
+
+def test_an_error_of_a_sensor_that_is_larger_than_its_range_is_none(bench):
+    insertion = insertion_at(RotaDamp(), "sensor_nonlinearity", "bearing.phi")
+    span = max(np.ptp(run.outputs["bearing.phi"].values) for run in bench.setup.train)
+    small = dict.fromkeys(insertion.parameter_names, 0.9 * span)
+    assert bench.contradiction(insertion, small) == ""
+    large = small | {insertion.size_names[2]: -1.1 * span}
+    assert "larger than the range" in bench.contradiction(insertion, large)
+    offset = insertion_at(RotaDamp(), "sensor_offset", "bearing.phi")
+    assert bench.contradiction(offset, dict.fromkeys(offset.parameter_names, 9 * span)) == ""

@@ -278,7 +278,7 @@ def _made(
     """
     fit, parts = both.fit, (both.one, both.other)
     assert fit is not None
-    if any(part.insertion.contradiction(fit.values) for part in parts):
+    if any(bench.contradiction(part.insertion, fit.values) for part in parts):
         return None
     lone = [c for c in ranked if c.fit is not None and not c.why_not]
     is_plain = bool(lone) and both.n_parameters <= len(lone[0].insertion.parameter_names)

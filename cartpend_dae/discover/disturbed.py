@@ -244,7 +244,7 @@ def judge(
         why = f"its size differs between parts of the data: {t:.1f} jackknife sds from zero"
     elif not _helps_selection(bench, taken, together, before, fit, sd):
         why = "the runs kept for selection are predicted worse with it"
-    why = why or candidate.insertion.contradiction(fit.values)
+    why = why or bench.contradiction(candidate.insertion, fit.values)
     return replace(candidate, parameters=parameters, gain=gain, t=float(t), fit=fit, why_not=why)
 
 

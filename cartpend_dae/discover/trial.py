@@ -338,7 +338,7 @@ def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> 
         why = f"with residuals as alike as they are BIC falls by {coloured:.1f} only, less than {MIN_BIC_GAIN:g}"
     if not why and _is_shape_error(base, fit):
         why = "it explains no more than the laws found already may be wrong by, and leaves more than noise"
-    why = why or candidate.insertion.contradiction(fit.values)
+    why = why or bench.contradiction(candidate.insertion, fit.values)
     sizes = [e.status == "at-bound" for e in fit.parameters if e.name in candidate.insertion.size_names]
     if sizes and all(sizes):
         why = "its parameter ends on its bound, where it has no effect"
