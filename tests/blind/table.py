@@ -171,18 +171,20 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--detail", action="store_true", help="a row for each effect and place")
     parser.add_argument("--store", type=Path, default=store.STORE)
     parser.add_argument("--package", default=None, help="hash of the package; that of the checkout if absent")
-    parser.add_argument("--before", help="hash of an earlier package, whose table follows as a part of its own")
+    parser.add_argument(
+        "--before", action="append", default=[], help="hash of an earlier package, whose table follows; may be repeated"
+    )
     parser.add_argument("--write", type=Path, help="put the table into this page, in place of the one that is there")
     options = parser.parse_args(argv)
     package = options.package or store.package()
     found = list(store.records(options.store))
     lines = page(found, package, tuning=options.tuning, detail=options.detail)
-    if options.before:
-        earlier = page(found, options.before, tuning=options.tuning, detail=options.detail)
-        lines += ["", "### By an earlier package", "", *(line.replace("### ", "#### ") for line in earlier)]
+    for before in options.before:
+        earlier = page(found, before, tuning=options.tuning, detail=options.detail)
+        lines += ["", f"### By the earlier package {before}", "", *(line.replace("### ", "#### ") for line in earlier)]
     print("\n".join(lines))
     if options.write:
-        further = f" --before {options.before}" if options.before else ""
+        further = "".join(f" --before {before}" for before in options.before)
         put_into(options.write, COMMAND.format(seeds_of(found, package)) + further, lines)
     return 0
 
