@@ -33,15 +33,16 @@ def test_the_lead_does_not_depend_on_units_nor_on_values_that_are_missing():
     assert after == pytest.approx(before, rel=1e-9) and np.isfinite(before)
 
 
-def test_percent_of_chi2_are_percent_of_the_residuals_in_bic_however_large_chi2_is(monkeypatch):
+@pytest.mark.parametrize(("z", "share"), [(3.0, choice.ALIKE_SHARE), (2.0, choice.ALIKE_WHITE)])
+def test_percent_of_chi2_are_percent_of_the_residuals_in_bic_however_large_chi2_is(monkeypatch, z, share):
     """BIC has n ln chi2: a model that leaves 5 % less gains 5 % of n, also where chi2 is a thousand times n."""
-    monkeypatch.setattr(choice, "residuals", lambda fit: SimpleNamespace(largest=3.0))
+    monkeypatch.setattr(choice, "residuals", lambda fit: SimpleNamespace(largest=z))
     found = [
         choice._margin(candidate, candidate)
         for chi2 in (1e3, 1e6)
         for candidate in [SimpleNamespace(fit=SimpleNamespace(chi2=chi2, n_residuals=2000))]
     ]
-    assert found == [choice.ALIKE_SHARE * 2000] * 2
+    assert found == [share * 2000] * 2
 
 
 def test_predictions_are_compared_where_an_observer_forgets_within_their_horizon():
