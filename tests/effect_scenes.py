@@ -89,7 +89,7 @@ SIZES = {
     "tau_k_cos": 0.01, "tau_k_2_sin": 0.01, "tau_k_2_cos": 0.02, "f_sin": 5.0, "f_cos": 4.0, "R_s": 0.1, "V_b": 0.8,
     "e_sin": 0.03, "e_cos": 0.02, "a_sin": 0.1, "a_cos": 0.05, "y_0": 0.05, "a_1_sin": 0.02, "a_1_cos": 0.01,
     "a_2_sin": 0.01, "a_2_cos": 0.01, "T_d": 0.02, "t_0": -0.01, "u_0": 0.5, "u_pos": 0.6, "u_neg": 0.4, "e": 0.1,
-    "b": 0.01, "h": 1e-4, "r_f": 0.005, "r_2": 0.002,
+    "b": 0.01, "y_l": -0.03, "h": 1e-4, "r_f": 0.005, "r_2": 0.002,
 }  # fmt: skip
 OTHER_SIZES = {
     ("linear_stiffness", T): {"c": 200.0},
@@ -112,7 +112,7 @@ OTHER_SIZES = {
     ("base_compliance", R): {"h": 2.0},
     ("backlash", R): {"b": 0.05, "tau_r": 0.2},
     ("chain_polygon", R): {"e": 2.0},
-    ("sensor_quantization", None): {"e": 1.0, "q": 0.01},
+    ("sensor_quantization", None): {"e": 1.0, "q": 0.01, "t_l": 1.0},
     ("saturation", None): {"e": 0.8, "u_max": 4.0},
     ("rate_limit", None): {"e": 0.8, "r": 40.0},
     ("magnetic_saturation", None): {"e": 0.01},

@@ -199,14 +199,27 @@ def test_a_result_is_kept_by_content_and_not_made_twice(loaded, tmp_path, monkey
     assert first == again
     one(data, tmp_path, frozenset(), "p2", 1.0)
     assert len(calls) == 2
-    lines = "\n".join(page(list(store.records(tmp_path)), "p1", tuning=True, detail=True))
+    lines = "\n".join(page(store.records(tmp_path), "p1", tuning=True, detail=True))
     assert "1 data sets, run from the commits" in lines
     assert "No data set was run of the rig `linear_damp_mod`, `driven_cart`." in lines
     assert "pairs of a rig and a single effect 1 were run." in lines
     assert "| noise: rota_damp | 1/1 (21–100 %) first, 1/1 (21–100 %) exact | 0.00 |" in lines
-    assert (
-        "No data set of the reported seeds" in page(list(store.records(tmp_path)), "p1", tuning=False, detail=False)[0]
-    )
+    assert "No data set of the reported seeds" in page(store.records(tmp_path), "p1", tuning=False, detail=False)[0]
+
+
+def test_what_is_kept_of_a_result_gives_the_same_table(loaded, tmp_path, monkeypatch):
+    found = result([("constant_load", "bearing")]) | {"seconds": 1.0}
+    monkeypatch.setattr("blind.run.discover", lambda study, timeout: (found, ""))
+    data, kept = loaded[Key("rota_damp", "noise", LOAD, 0)], tmp_path / "kept.jsonl"
+    record, _ = one(data, tmp_path, frozenset(), "p1", 1.0)
+    every = store.records(tmp_path, kept)
+    store.keep(every, kept)
+    alone = store.records(tmp_path / "none", kept)
+    assert page(every, "p1", tuning=True, detail=True) == page(alone, "p1", tuning=True, detail=True)
+    assert store.kept_record("p1", record["data"], kept) == alone[0]
+    assert store.kept_record("p2", record["data"], kept) is None
+    monkeypatch.setattr("blind.store.kept_record", lambda package, of: store.brief(record))
+    assert one(data, tmp_path / "other", frozenset(), "p1", 1.0) == (alone[0], False)
 
 
 def test_a_new_table_takes_the_place_of_the_old_one(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 from cartpend_dae.discover.disturbed import ALIKE as ALIKE_WEIGHED
 from cartpend_dae.discover.disturbed import fitted, is_composite
 from cartpend_dae.discover.evidence import determined
-from cartpend_dae.discover.gate import CLEAN, residuals
+from cartpend_dae.discover.gate import is_clean, residuals
 from cartpend_dae.discover.records import Candidate, Gate, Step
 from cartpend_dae.discover.screen import is_other_law
 from cartpend_dae.discover.state import Base, Rules
@@ -110,7 +110,7 @@ def _margin(candidate: Candidate, best: Candidate) -> float:
     One that leaves nothing but noise may be further behind: what is missing is then a matter of the law's exact shape.
     """
     assert candidate.fit is not None and best.fit is not None
-    share = ALIKE_WHITE if residuals(candidate.fit).largest < CLEAN else ALIKE_SHARE
+    share = ALIKE_WHITE if is_clean(candidate.fit) else ALIKE_SHARE
     # so many percent of chi2 are so many percent of the number of residuals in BIC, which has the logarithm of chi2
     return max(ALIKE, share * best.fit.n_residuals)
 

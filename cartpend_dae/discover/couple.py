@@ -15,12 +15,12 @@ from cartpend_dae.discover.bases import base_of, fit_base
 from cartpend_dae.discover.choice import are_parallel, contains, step_of
 from cartpend_dae.discover.disturbed import is_composite
 from cartpend_dae.discover.evidence import bic
-from cartpend_dae.discover.gate import CLEAN, residuals
+from cartpend_dae.discover.gate import is_noise_alone, residuals
 from cartpend_dae.discover.nested import as_plain
 from cartpend_dae.discover.records import Candidate, Step
 from cartpend_dae.discover.screen import is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import MIN_BIC_GAIN, NOISE_ALONE, TOUCH, is_far_from_noise
+from cartpend_dae.discover.trial import MIN_BIC_GAIN, TOUCH, is_far_from_noise, left_early
 from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import ModelError, SolverError
@@ -74,7 +74,7 @@ def couple(
     stage
         Bandwidth of the output injection at which they were screened [rad/s].
     """
-    best = next((c for c in ranked[:1] if c.fit is not None and not c.why_not and _leaves_noise(c.fit)), None)
+    best = next((c for c in ranked[:1] if c.fit is not None and not c.why_not and is_noise_alone(c.fit)), None)
     if best is not None and not is_composite(best):
         return None
     few = promising(ranked)
@@ -98,7 +98,7 @@ def _whole(
     few = _fitted(bench, base, rules, few, (least,), (LATER, ROUGH))[:LAST]
     few = _fitted(bench, base, rules, few, (bench.last,), None)
     best = next((c for c in ranked[:1] if not c.why_not), None)
-    good = [c for c in few if c.fit is not None and _leaves_noise(c.fit) and _is_better(c, best)]
+    good = [c for c in few if c.fit is not None and is_noise_alone(c.fit) and _is_better(c, best)]
     for found in sorted(good, key=lambda c: (c.n_parameters, c.fit.chi2 if c.fit else np.inf)):
         made = _made(bench, base, rules, found, ranked)
         if made is not None:
@@ -122,7 +122,7 @@ def simpler(
     A rich law takes up what another effect does, which beside it seems to be no more than its shape. Both together
     leave nothing but noise then, with no more parameters. Arguments are those of `couple`; `tried` are all candidates.
     """
-    refused = [c for c in ranked if c.fit is not None and c.why_not and _leaves_noise(c.fit)]
+    refused = [c for c in ranked if c.fit is not None and c.why_not and is_noise_alone(c.fit)]
     for step in steps:
         rich, others = step.candidate, [s for s in steps if s is not step]
         taken = tuple(s.candidate.insertion for s in others)
@@ -140,7 +140,7 @@ def simpler(
         few = _fitted(bench, without, rules, few, (max(rules.stages),), (LATER, ROUGH))[:LAST]
         few = _fitted(bench, without, rules, few, rules.stages, None)
         for found in few:
-            made = found.fit is not None and _leaves_noise(found.fit) and _made(bench, without, rules, found, [rich])
+            made = found.fit is not None and is_noise_alone(found.fit) and _made(bench, without, rules, found, [rich])
             if made:
                 return made[0], [*others, *made[1]]
     return None
@@ -179,7 +179,7 @@ def beside(
     Of effects that are far from small the first order does not tell what others explain beside them. Arguments are
     those of `couple`.
     """
-    able = sorted((c for c in ranked if c.early is not None and not is_composite(c)), key=lambda c: c.early or np.inf)
+    able = sorted((c for c in ranked if c.early is not None and not is_composite(c)), key=left_early)
     strong: list[Candidate] = []
     for c in able:
         plainer = [
@@ -215,17 +215,13 @@ def _plain(able: list[Candidate]) -> list[Candidate]:
 
 
 def _explains(candidate: Candidate, base: Base, stage: float) -> float:
-    return base.fits[stage].chi2 - (np.inf if candidate.early is None else candidate.early)
+    return base.fits[stage].chi2 - left_early(candidate)
 
 
 def _scaled(candidate: Candidate, share: float) -> dict[str, float]:
     """Return parameters of an effect whose sizes are a share of those promised."""
     sizes = candidate.insertion.size_names
     return {name: value * share if name in sizes else value for name, value in candidate.parameters.items()}
-
-
-def _leaves_noise(fit: Fit) -> bool:
-    return residuals(fit).largest < CLEAN and fit.chi2 < NOISE_ALONE * fit.n_residuals
 
 
 def _fitted(
@@ -288,11 +284,11 @@ def _made(
         without = fit_base(bench, (*base.taken, rest.insertion), fit.point, rules).fit
         gain, share = bic(without) - bic(fit), (without.chi2 - fit.chi2) / max(base.bare - fit.chi2, 1e-300)
         is_shape = share < TOUCH and not is_plain and not is_far_from_noise(without, fit)
-        if gain < MIN_BIC_GAIN and _leaves_noise(without):
-            alone.append(_fitted_alone(rest, without, base.fit))
+        if gain < MIN_BIC_GAIN and is_noise_alone(without):
+            alone.append(_as_fitted(rest, without, base.fit))
         elif gain < MIN_BIC_GAIN or is_shape:
             return None
-        done.append(replace(_fitted_alone(part, fit, base.fit), gain=gain))
+        done.append(replace(_as_fitted(part, fit, base.fit), gain=gain))
     if alone:
         best = max(alone, key=lambda c: c.gain)
         after = base_of(bench, base, base.taken, best, rules)
@@ -304,6 +300,6 @@ def _made(
     return after, [step_of(part, gate, [part]) for part in done]
 
 
-def _fitted_alone(part: Candidate, fit: Fit, before: Fit) -> Candidate:
+def _as_fitted(part: Candidate, fit: Fit, before: Fit) -> Candidate:
     values = {name: fit.values[name] for name in part.insertion.parameter_names}
     return replace(part, parameters=values, gain=bic(before) - bic(fit), fit=fit, why_not="")

@@ -35,7 +35,7 @@ def restarted(fitted: list[Candidate], worth: Callable[[Candidate], float]) -> l
     """
     found: list[Candidate] = []
     for rich in fitted:
-        plain = [c for c in fitted if c.fit is not None and _holds(rich, c)]
+        plain = [c for c in fitted if c.fit is not None and holds(rich, c)]
         best = max(plain, key=worth, default=None)
         if best is None or best.fit is None or (rich.fit is not None and worth(rich) >= worth(best)):
             continue
@@ -60,7 +60,7 @@ def simplified(fitted: list[Candidate], left: Callable[[Candidate], float]) -> l
     """
     found: list[Candidate] = []
     for plain in fitted:
-        rich = min((c for c in fitted if c.fit is not None and _holds(c, plain)), key=left, default=None)
+        rich = min((c for c in fitted if c.fit is not None and holds(c, plain)), key=left, default=None)
         if rich is None or rich.fit is None or left(plain) < MUCH * left(rich):
             continue
         values = _shared(plain.insertion, rich)
@@ -84,7 +84,8 @@ def own(candidate: Candidate) -> Candidate:
     return replace(candidate, parameters={name: candidate.parameters[name] for name in names})
 
 
-def _holds(rich: Candidate, plain: Candidate) -> bool:
+def holds(rich: Candidate, plain: Candidate) -> bool:
+    """Return whether a candidate is the next richer law than another one at the same place."""
     one, two = rich.insertion, plain.insertion
     return one.place.at == two.place.at and one.card.id in two.card.nested_in
 

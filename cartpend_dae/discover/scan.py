@@ -15,6 +15,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from cartpend_dae.discover.grid import grid
 from cartpend_dae.discover.slopes import Along, Growth, Local, Slopes, Table, slopes_of
 from cartpend_dae.effects import Insertion
 from cartpend_dae.effects.card import EffectParameter
@@ -25,6 +26,9 @@ LONGEST, FINE, MOST = 4.0, 1.2, 300
 VALUES, SPAN = 24, 8.0
 # values that are followed at once, which bounds the memory; and that one function is made for
 TOGETHER, ABREAST = 50, 8
+# a step is beyond the one in which a record stands exactly if it is so many times that; and so short a share of what
+# is read is no step
+KNOWN, NO_STEP = 1.5, 1e-9
 # directions that sizes move less than this share of the strongest are none
 FLAT = 1e-8
 
@@ -62,7 +66,9 @@ class Scan:
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def best_shape(option: Insertion, scan: Scan) -> dict[str, float]:
-    """Return the wave number of an effect, or its only shape, by name of the parameter, with which it promises most.
+    """Return the shape with which an effect promises most: its wave number, its instant or its only one, by name.
+
+    Beside it is what the record itself says, such as the step in which it stands.
 
     It is empty if the effect has no shape, or several, or a memory, or is not at the first start of its shape.
     """
@@ -74,18 +80,46 @@ def best_shape(option: Insertion, scan: Scan) -> dict[str, float]:
     first = item.starts_at(option.place.kind)[0]
     if option.values.get(name, first) != first:
         return {}
-    left, law = scan.across(scan.residual), _Law(option, name, scan)
-    gains = []
+    law = _Law(option, name, scan)
+    coarse = numbers[:: -(-numbers.size // MOST)]
+    best, gain = _best(law, coarse, scan)
+    if coarse.size < numbers.size:
+        near = np.searchsorted(numbers, coarse[max(best - 1, 0) : best + 2])
+        coarse = numbers[near[0] : near[-1] + 1]
+        best, gain = _best(law, coarse, scan)
+    return {name: float(coarse[best])} | _read(option, scan.along) if gain > 0 else {}
+
+
+def _best(law: "_Law", numbers: np.ndarray, scan: Scan) -> tuple[int, float]:
+    """Return which number explains most, and what it explains."""
+    left, gains = scan.across(scan.residual), []
     for part in np.array_split(numbers, -(-numbers.size // TOGETHER)):
         columns = scan.across(_columns(law.growth(part), scan))
         gains += [_explained(one, left) for one in np.split(columns, part.size, axis=1)]
     best = int(np.argmax(gains))
-    return {name: float(numbers[best])} if gains[best] > 0 else {}
+    return best, gains[best]
+
+
+def _read(option: Insertion, along: Along) -> dict[str, float]:
+    """Return what the record of a sensor itself says of an effect, its step, by name of the parameter.
+
+    A step in which the record stands exactly is noise to every fit, and none is seen where noise is larger: then only
+    a step too short to matter is left to the effect.
+    """
+    names = [item.names[option.place.kind] for item in option.card.parameters if item.role == "step"]
+    at, n_y = option.place.at, len(along.problem.outputs)
+    found = [k for k, name in enumerate(along.problem.outputs) if name == at or name.startswith(f"{at}.")]
+    if not names or not found:
+        return {}
+    values, weight = along.data[-2 * n_y + found[0]], along.data[-n_y + found[0]]
+    step = grid(values[weight > 0])
+    is_told = step > KNOWN * along.problem.quanta[found[0]]
+    return dict.fromkeys(names, step if is_told else NO_STEP * float(np.ptp(values[weight > 0])))
 
 
 def _tried(option: Insertion, along: Along) -> EffectParameter | None:
     items = option.card.parameters
-    waves = [item for item in items if item.role == "wave"]
+    waves = [item for item in items if item.role in ("wave", "instant")]
     shapes = [item for item in items if item.role == "shape"]
     if waves:
         return waves[0]
@@ -101,6 +135,9 @@ def _numbers(item: EffectParameter, option: Insertion, along: Along) -> np.ndarr
     if item.role == "shape":
         starts = item.starts_at(kind)
         return np.clip(np.geomspace(min(starts) / SPAN, max(starts) * SPAN, VALUES), *item.bounds_at(kind))
+    if item.role == "instant":
+        instants = np.unique(along.data[0])
+        return (instants[1:] + instants[:-1]) / 2
     position = along.of(f"{option.prefix}.{option.card.along[kind]}")
     layout = along.problem.layout
     begins = [first * layout.length for first in layout.first]

@@ -9,8 +9,8 @@ from cartpend_dae.discover.attempts import each
 from cartpend_dae.discover.choice import SAME, SHAPE, are_parallel, ordered_by_bic, rounded_first, second
 from cartpend_dae.discover.disturbed import judge, ordered, penalty
 from cartpend_dae.discover.evidence import bic, coloured_bic
-from cartpend_dae.discover.gate import CLEAN, residuals
-from cartpend_dae.discover.nested import own, restarted, simplified
+from cartpend_dae.discover.gate import NOISE_ALONE, is_clean, is_noise_alone, residuals
+from cartpend_dae.discover.nested import holds, own, restarted, simplified
 from cartpend_dae.discover.predicted import trials
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.screen import is_other_law, promise, screen
@@ -47,8 +47,6 @@ FAR = 20.0
 # an effect that is really there leaves at most this share of what it explains; where small disturbances alone move a
 # rig, some effect or other leaves 0.17 of it and more (10 runs of the blind bed's rigs)
 MOST = 0.1
-# chi2 of noise alone over the number of residuals: its sd, taken from the raw data, scatters by 4 to 7 percent
-NOISE_ALONE = 1.12
 
 
 def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]) -> list[Candidate]:
@@ -69,7 +67,7 @@ def try_in_noise(bench: Workbench, base: Base, rules: Rules, options: list[Inser
         return stage, [replace(c, why_not=_promises_little(c, base.fits[stage])) for c in possible] + rest
     wide = [c for c in possible[:WIDE] if c.predicted > FAINT * possible[0].predicted]
     wide += _as_well(wide, possible[WIDE:])
-    wide += [c for c in possible if c not in wide and _is_simple(c) and any(_is_richer(other, c) for other in wide)]
+    wide += [c for c in possible if c not in wide and _is_simple(c) and any(holds(other, c) for other in wide)]
     rest += [replace(c, why_not="others promise more") for c in possible if c not in wide]
     for candidate in wide:
         bench.expect(candidate.parameters)
@@ -104,12 +102,6 @@ def _unlike(ranked: list[Candidate]) -> list[Candidate]:
         if not any(len(c.insertion.parameter_names) <= n and are_parallel(c, candidate, SAME) for c in found):
             found.append(candidate)
     return found
-
-
-def _is_richer(candidate: Candidate, other: Candidate) -> bool:
-    """Return whether a candidate is the next richer law than another one at the same place."""
-    one, two = candidate.insertion, other.insertion
-    return one.place.at == two.place.at and one.card.id in two.card.nested_in
 
 
 def _screened_where_it_shows(
@@ -178,8 +170,8 @@ def weighed_trials(
     few = few[: RIVALS if rivals else FEW]
     few += [c for c in possible if c not in few and c.insertion.prefix in rivals]
     richer_than = [c for c in few if not rivals or c.insertion.prefix in rivals]
-    few += [c for c in possible if c not in few and any(_is_richer(c, other) for other in richer_than)]
-    few += [c for c in possible if c not in few and _is_simple(c) and any(_is_richer(other, c) for other in few)]
+    few += [c for c in possible if c not in few and any(holds(c, other) for other in richer_than)]
+    few += [c for c in possible if c not in few and _is_simple(c) and any(holds(other, c) for other in few)]
     rest = [c for c in screened if c.why_not]
     rest += [replace(c, why_not="others promise more") for c in possible if c not in few]
     for candidate in few:
@@ -240,15 +232,14 @@ def _enough(bench: Workbench, base: Base, rules: Rules, new: list[Candidate]) ->
     """Return the best of some candidates if it leaves noise alone, with injection and without."""
     fitted_ones = [c for c in new if c.fit is not None and not c.why_not]
     best = min(fitted_ones, key=lambda c: c.fit.chi2 if c.fit else np.inf, default=None)
-    if best is None or best.fit is None or not _leaves_noise(best):
+    if best is None or best.fit is None or not _is_clean(best):
         return None
     together = (*base.taken, best.insertion)
     try:
         last = bench.fit(together, best.fit.point, (rules.screening, bench.last), rules.sd, patient=False)
     except SolverError:  # without injection it diverges
         return None
-    is_all = residuals(last).largest < CLEAN and last.chi2 < NOISE_ALONE * last.n_residuals
-    return best if is_all else None
+    return best if is_noise_alone(last) else None
 
 
 def _far_simpler(enough: Candidate) -> str:
@@ -267,7 +258,7 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate]) ->
     least = max(left[0], LITTLE * base.fit.n_residuals) if left else 0.0
     few.sort(key=lambda c: bic(c.fit) if c.fit else np.inf)
     # rough steps may leave the same of all of them: what explained most at the first stage stays
-    most = min(few, key=_left_early, default=None)
+    most = min(few, key=left_early, default=None)
     near = few[:NARROW] + [c for c in few[NARROW:] if _is_simple(c) or c is most]
     near = [c for c in near if c.fit and c.fit.chi2 - c.fit.n_residuals <= BEHIND * least]
     near += [c for c in few if _is_simple(c) and c not in near and any(_may_be_rounded(c, other) for other in near)]
@@ -275,7 +266,7 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate]) ->
     few = near
     for count in sorted({len(c.insertion.parameter_names) for c in few}):
         these = [c for c in few if len(c.insertion.parameter_names) == count]
-        enough = next((c for c in found if not c.why_not and _leaves_noise(c)), None)
+        enough = next((c for c in found if not c.why_not and _is_clean(c)), None)
         if enough is not None and count > len(enough.insertion.parameter_names) + 1:
             found += [replace(c, fit=None, why_not=_far_simpler(enough)) for c in these]
             continue
@@ -283,7 +274,8 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate]) ->
     return found
 
 
-def _left_early(candidate: Candidate) -> float:
+def left_early(candidate: Candidate) -> float:
+    """Return what a candidate left at its first fit; infinity if it had none."""
     return np.inf if candidate.early is None else candidate.early
 
 
@@ -292,8 +284,8 @@ def _may_be_rounded(plain: Candidate, best: Candidate) -> bool:
     return best.fit is not None and bool(best.insertion.contradiction(best.fit.values)) and is_other_law(plain, best)
 
 
-def _leaves_noise(candidate: Candidate) -> bool:
-    return candidate.fit is not None and residuals(candidate.fit).largest < CLEAN
+def _is_clean(candidate: Candidate) -> bool:
+    return candidate.fit is not None and is_clean(candidate.fit)
 
 
 def _tried(bench: Workbench, base: Base, rules: Rules, stage: float, candidate: Candidate) -> Candidate:
@@ -355,8 +347,7 @@ def _is_shape_error(base: Base, fit: Fit) -> bool:
 
 def is_far_from_noise(before: Fit, after: Fit) -> bool:
     """Return whether much more than noise was left before, and noise alone is after: no error of a law is mended so."""
-    is_noise = residuals(after).largest < CLEAN and after.chi2 < NOISE_ALONE * after.n_residuals
-    return is_noise and before.chi2 > FAR * before.n_residuals
+    return is_noise_alone(after) and before.chi2 > FAR * before.n_residuals
 
 
 def is_nearly_all(base: Base) -> bool:

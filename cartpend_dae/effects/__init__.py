@@ -1,6 +1,6 @@
 """The catalogue of effects that a model can lack, and their insertion into any model."""
 
-from cartpend_dae.effects.card import Card, EffectParameter, choice, level, shape, size, wave_number
+from cartpend_dae.effects.card import Card, EffectParameter, choice, instant, level, shape, size, step, wave_number
 from cartpend_dae.effects.catalogue import catalogue
 from cartpend_dae.effects.insert import Insertion, insert, insert_all, insertion_at
 from cartpend_dae.effects.places import Place, fits, places
@@ -16,9 +16,11 @@ __all__ = [
     "insert",
     "insert_all",
     "insertion_at",
+    "instant",
     "level",
     "places",
     "shape",
     "size",
+    "step",
     "wave_number",
 ]

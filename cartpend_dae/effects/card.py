@@ -12,7 +12,9 @@ from cartpend_dae.library import electrical, rotational, translational
 
 Kind = type[Port] | None
 Manner = Literal["parallel", "series", "law", "sensor", "input"]
-Role = Literal["size", "shape", "wave", "choice"]
+Role = Literal["size", "shape", "wave", "choice", "step", "instant"]
+# what is tried or read from a record, and not estimated
+GIVEN: frozenset[Role] = frozenset({"choice", "step", "instant"})
 
 R, T, E = rotational.Flange, translational.Flange, electrical.Pin
 KINDS: tuple[Kind, ...] = (R, T, E, None)
@@ -28,7 +30,8 @@ class EffectParameter:
 
     A `size` starts at 0, where the effect is absent. A `shape` has no meaning there, and starts at each of its
     values in turn. A `wave` is the wave number of an effect that repeats along the way: a shape of which many more are
-    tried. A `choice` is a structural number, such as that of teeth: it is tried, and not estimated.
+    tried. A `choice` is a structural number, such as that of teeth: it is tried, and not estimated. A `step` is that in
+    which a record stands, which is read there; an `instant` is a time, of which each sample's is tried.
     """
 
     names: Mapping[Kind, str]
@@ -171,6 +174,16 @@ def choice(
     """Return a parameter that is tried at each of its values and not estimated."""
     other, values = at_point or (name, starts)
     return EffectParameter(_names(name, other), -np.inf, np.inf, "choice", _starts(starts, values))
+
+
+def step(name: str, default: float) -> EffectParameter:
+    """Return a parameter that is the step of a record; `default` stands where the record shows none."""
+    return replace(choice(name, (default,)), role="step")
+
+
+def instant(name: str) -> EffectParameter:
+    """Return a parameter that is a time of the record, tried at each sample [s]."""
+    return replace(choice(name, (0.0,)), role="instant")
 
 
 def _names(name: str, at_point: str) -> dict[Kind, str]:

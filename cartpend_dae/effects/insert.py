@@ -13,7 +13,7 @@ from typing import Any
 
 import casadi as ca
 
-from cartpend_dae.effects.card import Card, E, EffectParameter
+from cartpend_dae.effects.card import GIVEN, Card, E, EffectParameter
 from cartpend_dae.effects.catalogue import variants_of
 from cartpend_dae.effects.places import Place, fits, place_at, taken_from
 from cartpend_dae.effects.rebuild import rebuild
@@ -48,8 +48,8 @@ class Insertion:
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        """Parameters of the effect that can be estimated: all but choices."""
-        return tuple(item for item in self.card.parameters if item.role != "choice")
+        """Parameters of the effect that can be estimated: all but what is tried or read."""
+        return tuple(item for item in self.card.parameters if item.role not in GIVEN)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
 """What goes wrong between a quantity and its record."""
 
-from cartpend_dae.effects.card import Card, choice, level, size, wave_number
+from cartpend_dae.effects.card import Card, choice, instant, level, size, step, wave_number
 from cartpend_dae.library import signal_errors, signals
 
 
@@ -67,15 +67,15 @@ def sensor_cards() -> tuple[Card, ...]:
         ),
         Card(
             id="sensor_quantization",
-            summary="a sensor that rounds to whole steps",
+            summary="a sensor that rounds to whole steps, or loses some of them",
             insertion="sensor",
             components={None: signal_errors.SensorQuantization},
-            parameters=(level("e", upper=1.0), choice("q", (1e-2, 1e-3, 1e-4))),
+            parameters=(level("e", upper=1.0), size("y_l"), step("q", 1e-3), choice("d", (0.0, 0.5)), instant("t_l")),
             dissipative=False,
             nested_in=(),
             equivalent_to={},
-            regressors=("saw x",),
-            excited_by="slow motion: the record shows its steps",
+            regressors=("saw x", "step t"),
+            excited_by="slow motion: the record shows its steps; lost ones need a rest position or symmetry",
             source="W. R. Bennett, Bell Syst. Tech. J. 27 (1948), 446-472, 10.1002/j.1538-7305.1948.tb01340.x",
         ),
         Card(

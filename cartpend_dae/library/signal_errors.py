@@ -11,6 +11,9 @@ from cartpend_dae.language import Param, Statements, der, initial, param, time, 
 from cartpend_dae.library.laws import SHORTEST, beyond, wave
 from cartpend_dae.library.signals import Block
 
+# share of a step within which a value that is to have no slope is that value
+FLAT = 1e-6
+
 
 class SensorGain(Block):
     """Scale error of a sensor, y = (1 + e) u."""
@@ -64,16 +67,24 @@ class SensorDelay(Block):
 
 
 class SensorQuantization(Block):
-    """Steps of a sensor, y = u + e (q floor(u/q + 1/2) - u): e = 1 is an encoder with steps of q, e = 0 is exact.
+    """Steps of a sensor that may lose counts, y = u + e (q round(u/q) - u), and y_l more from t_l on.
 
-    For simulation with each step as an event see `sampled.Quantizer`.
+    e = 1 is an encoder with steps of q, e = 0 is exact. `d` says where it goes from one step to the next: 0 rounds to
+    the nearest, 1/2 cuts off towards 0. The slope of y by u is 1, the mean one: a step has none, and nothing could be
+    fitted through it. For simulation with each step as an event see `sampled.Quantizer`.
     """
 
     e: Param = param(unit="1", default=0.0, min=0, max=1, doc="share of the rounding")
     q: Param = param(unit="1", default=0.001, min=0, doc="step, in the unit of u")
+    d: Param = param(unit="1", default=0.0, min=0, max=0.5, doc="share of a step that is cut off")
+    y_l: Param = param(unit="1", default=0.0, doc="what lost counts add, in the unit of u")
+    t_l: Param = param(unit="s", default=0.0, doc="time at which they are lost")
 
     def equations(self) -> Statements:
-        yield self.y == self.u + self.e * (self.q * ca.floor(self.u / self.q + 0.5) - self.u)
+        rounded = self.q * ca.floor(self.u / self.q - self.d * ca.sign(self.u) + 0.5)
+        flat = self.q * FLAT * ca.floor(self.u / (self.q * FLAT) + 0.5)  # u itself, without its slope
+        lost = ca.if_else(time() >= self.t_l, self.y_l, 0)
+        yield self.y == self.u + self.e * (rounded - flat) + lost
 
 
 class ClockDrift(Block):

@@ -1,8 +1,8 @@
 """Run the tool on blind data sets: ``python tests/blind/run.py --regime noise --rig rota_damp --seeds 0-4``.
 
 Each data set is made, given to the tool as `cartpend discover` does it, and its result is kept under
-`build/blind` by the content of package and data: what is there already is not run again, so that the same command
-continues after an interruption. Every cell comes once, in one regime after the other, before any comes twice. Seeds 0
+`build/blind` by the content of package and data: what is there already, or was kept with `table.py --keep`, is not
+run again, so that the same command continues after an interruption. Every cell comes once, in one regime after the other, before any comes twice. Seeds 0
 to 99 are for tuning; seeds from 1000 on are run for the report only, once, with `--report`, from a clean checkout.
 """
 
@@ -94,6 +94,8 @@ def one(data: DataSet, home: Path, known: frozenset[str], package: str, timeout:
     path = store.path_of(home, package, data_hash)
     if path.exists():
         return json.loads(path.read_text()), False
+    if kept := store.kept_record(package, data_hash):
+        return kept, False
     begin, worked = time.monotonic(), time.process_time()
     result, failure = discover(study, timeout)
     head, is_clean = store.commit()

@@ -2,13 +2,14 @@
 
 import json
 import subprocess
-from collections.abc import Iterator
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 STORE = ROOT / "build" / "blind"
+# what the table needs of all records, one line each: this outlasts a checkout
+KEPT = ROOT / "tests" / "benchmarks" / "results" / "blind.jsonl"
 
 
 def content(folder: Path, pattern: str = "*") -> str:
@@ -47,7 +48,52 @@ def save(path: Path, record: dict[str, Any]) -> None:
     partial.replace(path)
 
 
-def records(store: Path) -> Iterator[dict[str, Any]]:
-    """Yield all records of a store in the order of their names."""
+def records(store: Path, kept: Path = KEPT) -> list[dict[str, Any]]:
+    """Return all records of a store and those kept, which are brief, in the order of package and data."""
+    lines = kept.read_text().splitlines() if kept.exists() else []
+    found = {(r["package"], r["data"]): r for r in map(json.loads, lines)}
     for path in sorted((store / "results").glob("*/*.json")):
-        yield json.loads(path.read_text())
+        record = json.loads(path.read_text())
+        found[(record["package"], record["data"])] = record
+    return [found[key] for key in sorted(found)]
+
+
+def kept_record(package_hash: str, data_hash: str, kept: Path = KEPT) -> dict[str, Any] | None:
+    """Return the record that is kept of a data set, if there is one."""
+    lines = kept.read_text().splitlines() if kept.exists() else []
+    key = (package_hash, data_hash)
+    return next((r for r in map(json.loads, lines) if (r["package"], r["data"]) == key), None)
+
+
+def keep(found: list[dict[str, Any]], kept: Path = KEPT) -> None:
+    """Write what the table needs of records, in one piece."""
+    partial = kept.with_suffix(".part")
+    partial.write_text("".join(json.dumps(brief(record), separators=(",", ":")) + "\n" for record in found))
+    partial.replace(kept)
+
+
+def brief(record: dict[str, Any]) -> dict[str, Any]:
+    """Return a record with what its score needs: names of the additions, and errors of the test runs."""
+    truth = {name: value for name, value in record["truth"].items() if name != "parameters"}
+    result = record["result"]
+    if result is not None:
+        steps = [{n: step[n] for n in ("effect", "at", "contained_in") if n in step} for step in result["steps"]]
+        stages = {stage: {"experiments": _errors(result[stage]["experiments"])} for stage in ("baseline", "final")}
+        result = {"verdict": result["verdict"], "steps": steps, **stages, "seconds": result["seconds"]}
+    return {**record, "truth": _rounded(truth), "result": _rounded(result)}
+
+
+def _errors(experiments: dict[str, Any]) -> dict[str, Any]:
+    return {
+        run: {"role": "test", "outputs": {name: {"rmse": e["rmse"]} for name, e in entry["outputs"].items()}}
+        for run, entry in experiments.items()
+        if entry["role"] == "test"
+    }
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _rounded(each) for name, each in value.items()}
+    if isinstance(value, list):
+        return [_rounded(each) for each in value]
+    return float(f"{value:.6g}") if isinstance(value, float) else value

@@ -1,7 +1,7 @@
 """Make the table of the blind test bed: ``python tests/blind/table.py [--tuning] [--detail]``.
 
 Each cell says how many data sets stand behind it; shares have 95 % intervals after Wilson. Without `--tuning` only
-reported seeds count.
+reported seeds count. With `--keep` what was run is kept in the repository, where the next table finds it.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from blind.scorer import Score, score, wilson
 
 Record = dict[str, Any]
 TITLE = "## Blind data sets"
-COMMAND = "python tests/blind/run.py --report --seeds {}; python tests/blind/table.py --write docs/validation.md"
+COMMAND = "python tests/blind/run.py --report --seeds {}; python tests/blind/table.py --keep --write docs/validation.md"
 FAILED = Score(False, False, 0, 0, None, "failed", False, False)
 
 
@@ -175,9 +175,12 @@ def main(argv: list[str] | None = None) -> int:
         "--before", action="append", default=[], help="hash of an earlier package, whose table follows; may be repeated"
     )
     parser.add_argument("--write", type=Path, help="put the table into this page, in place of the one that is there")
+    parser.add_argument("--keep", action="store_true", help="put what was run beside what the repository keeps")
     options = parser.parse_args(argv)
     package = options.package or store.package()
-    found = list(store.records(options.store))
+    found = store.records(options.store)
+    if options.keep:
+        store.keep(found)
     lines = page(found, package, tuning=options.tuning, detail=options.detail)
     for before in options.before:
         earlier = page(found, before, tuning=options.tuning, detail=options.detail)
