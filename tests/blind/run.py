@@ -1,9 +1,10 @@
 """Run the tool on blind data sets: ``python tests/blind/run.py --regime noise --rig rota_damp --seeds 0-4``.
 
 Each data set is made, given to the tool as `cartpend discover` does it, and its result is kept under
-`build/blind` by the content of package and data: what is there already, or was kept with `table.py --keep`, is not
-run again, so that the same command continues after an interruption. Every cell comes once, in one regime after the other, before any comes twice. Seeds 0
-to 99 are for tuning; seeds from 1000 on are run for the report only, once, with `--report`, from a clean checkout.
+`build/blind` by the content of package and data: what is there already, or was kept with `table.py --keep`, is not run
+again, so that the same command continues after an interruption. Every cell comes once, in one regime after the other,
+before any comes twice. Seeds 0 to 99 are for tuning; seeds from 1000 on are run for the report only, once, with
+`--report`, from a clean checkout.
 """
 
 import argparse
