@@ -7,12 +7,12 @@ import pytest
 from test_discover_pendulum import clean_run, noisy_setup
 
 from cartpend_dae.discover.choice import ordered_by_bic
-from cartpend_dae.discover.couple import promising
+from cartpend_dae.discover.couple import couple, promising
 from cartpend_dae.discover.disturbed import ordered
 from cartpend_dae.discover.nested import PEAK, own, restarted, simplified
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import FAR, MOST, is_far_from_noise, is_most
+from cartpend_dae.discover.trial import FAR, MOST, TOUCH, is_far_from_noise, is_left_to_shape, is_most
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import insertion_at
 from cartpend_dae.uncertainty import Estimate
@@ -169,3 +169,16 @@ def test_an_error_of_a_sensor_that_is_larger_than_its_range_is_none(bench):
     assert "larger than the range" in bench.contradiction(insertion, large)
     offset = insertion_at(RotaDamp(), "sensor_offset", "bearing.phi")
     assert bench.contradiction(offset, dict.fromkeys(offset.parameter_names, 9 * span)) == ""
+
+
+def test_what_is_less_than_laws_may_be_wrong_by_is_not_looked_into(bench, plain_fit, fitted):
+    n = plain_fit.n_residuals
+    bare = 1000.0 * n
+    near, much = (fitted("coulomb_friction", 9.0, chi2) for chi2 in (0.5 * TOUCH * bare, 2 * TOUCH * bare))
+    assert is_left_to_shape(bare, near.fit) and not is_left_to_shape(bare, much.fit)
+    large = 1e6 * n  # a percent of it is far from noise, and may be another effect
+    assert not is_left_to_shape(large, fitted("coulomb_friction", 9.0, 0.5 * TOUCH * large).fit)
+    assert not is_left_to_shape(near.fit.chi2, near.fit)  # nothing was added
+    base = Base((), {0.0: plain_fit}, bare)
+    rules = Rules("noise", (0.0,), 0.0, np.array([1e-3]), ())
+    assert couple(bench, base, rules, [], [near], 0.0) is None

@@ -9,7 +9,7 @@ from cartpend_dae import simulate
 from cartpend_dae.data import Channel, Experiment, Start
 from cartpend_dae.discover.records import FreeSpec, Setup
 from cartpend_dae.discover.screen import candidates, screen
-from cartpend_dae.discover.sweep import one_by_one, sweep
+from cartpend_dae.discover.sweep import alone_with, one_by_one, sweep
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import catalogue, insert, insertion_at, places
 from cartpend_dae.errors import SolverError
@@ -44,7 +44,7 @@ def test_a_sweep_has_the_sensitivities_of_single_models(name, bandwidth):
     n_compared = 0
     for option in firsts[::3]:
         try:
-            alone = one_by_one(bench, (), option, {}, bandwidth, sd)
+            alone = one_by_one(alone_with(bench, (), option), option, {}, bandwidth, sd)
         except SolverError:  # the play of a chain whose flanks are too stiff for these steps
             continue
         # in standard deviations of the noise: the sweep steps as coarsely as its own states allow

@@ -20,7 +20,7 @@ from cartpend_dae.discover.nested import as_plain
 from cartpend_dae.discover.records import Candidate, Step
 from cartpend_dae.discover.screen import is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import MIN_BIC_GAIN, TOUCH, is_far_from_noise, left_early
+from cartpend_dae.discover.trial import MIN_BIC_GAIN, TOUCH, is_far_from_noise, is_left_to_shape, left_early
 from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import ModelError, SolverError
@@ -74,9 +74,12 @@ def couple(
     stage
         Bandwidth of the output injection at which they were screened [rad/s].
     """
-    best = next((c for c in ranked[:1] if c.fit is not None and not c.why_not and is_noise_alone(c.fit)), None)
-    if best is not None and not is_composite(best):
-        return None
+    best = next((c for c in ranked[:1] if c.fit is not None and not c.why_not), None)
+    if best is not None and best.fit is not None:
+        is_alone = is_noise_alone(best.fit)
+        if not is_composite(best) and (is_alone or is_left_to_shape(base.bare, best.fit)):
+            return None
+        best = best if is_alone else None
     few = promising(ranked)
     if best is not None:  # it does several things at once: two effects may do so with no more parameters
         few = [pair for pair in few if pair.n_parameters <= len(best.insertion.parameter_names)]
@@ -126,7 +129,7 @@ def simpler(
     for step in steps:
         rich, others = step.candidate, [s for s in steps if s is not step]
         taken = tuple(s.candidate.insertion for s in others)
-        plain = [c for c in tried if contains(rich, c, tried) and c.insertion.prefix != rich.insertion.prefix]
+        plain = plainer(step, tried)
         couples = [
             Couple(one, other, 0.0, {**other.fit.point, **as_plain(one.insertion, rich)})
             for other in refused
@@ -144,6 +147,12 @@ def simpler(
             if made:
                 return made[0], [*others, *made[1]]
     return None
+
+
+def plainer(step: Step, tried: list[Candidate]) -> list[Candidate]:
+    """Return those of some candidates that the law of a step contains."""
+    rich = step.candidate
+    return [c for c in tried if contains(rich, c, tried) and c.insertion.prefix != rich.insertion.prefix]
 
 
 def promising(ranked: list[Candidate]) -> list[Couple]:

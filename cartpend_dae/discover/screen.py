@@ -10,12 +10,13 @@ from scipy.optimize import lsq_linear
 from cartpend_dae.discover.disturbed import predictions
 from cartpend_dae.discover.records import Candidate, Prediction
 from cartpend_dae.discover.slopes import basis_of
-from cartpend_dae.discover.sweep import Sweep, one_by_one, sweep
+from cartpend_dae.discover.sweep import Sweep, alone_with, one_by_one, sweep
 from cartpend_dae.discover.weigh import Weighed
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place, fits
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.parallel import in_parallel
+from cartpend_dae.problem import Problem
 
 # squared sine of the angle between what an effect changes and what is free already, below which no sensor sees it:
 # one linearisation for all effects turns directions by up to 1e-3
@@ -145,7 +146,7 @@ def _kept(at: "_At", options: list[Insertion]) -> list[Prediction]:
     pairs, again = _swept(at, _batches(options), with_shapes=True)
     pairs += _swept(at, _batches(again), with_shapes=False)[0]
     named = {option.prefix: k for k, option in enumerate(options)}
-    found = _probed(at, [c for c, _ in pairs]) if at.weighed is None else predictions(pairs, at.weighed)
+    found = _probed(at, pairs) if at.weighed is None else predictions(pairs, at.weighed)
     return [
         Prediction(
             named[c.insertion.prefix], dict(c.insertion.values), c.parameters, c.predicted, c.why_not, c.response
@@ -166,40 +167,55 @@ def _swept(
     return pairs, [option for _, options, _ in done for option in options]
 
 
-def _probed(at: "_At", found: list[Candidate]) -> list[Candidate]:
+def _probed(at: "_At", pairs: list["_Judged"]) -> list[Candidate]:
     """Try effects in series at sizes that move the data as much as what is left, if no straight line explains half.
 
-    What gives way resonates: with its size the response grows, and then turns, which no slope at size 0 tells.
+    What gives way resonates: with its size the response grows, and then turns, which no slope at size 0 tells. Each
+    effect is tried from the one of its starts that promises most.
     """
-    tried = [c for c in found if c.insertion.card.insertion == "series" and len(c.insertion.size_names) == 1]
+    found = [c for c, _ in pairs]
+    able = [(c, columns) for c, columns in pairs if c.insertion.card.insertion == "series" and len(columns) == 1]
+    tried: dict[str, _Judged] = {}
+    for pair in able:
+        prefix = pair[0].insertion.prefix
+        if prefix not in tried or pair[0].predicted > tried[prefix][0].predicted:
+            tried[prefix] = pair
     if not tried:
         return found
     try:
-        base = at.alone(tried[0].insertion)
+        base = at.alone(able[0][0].insertion)
     except (SolverError, ModelError):
         return found
     whole = _left(base.residual, base.base)
     if max((c.predicted for c in found if not c.why_not), default=0.0) > ENOUGH * whole:
         return found
-    better = in_parallel(lambda candidate: _at_sizes(at, candidate, whole), tried, jobs=at.bench.jobs)
-    instead = dict(zip(map(id, tried), better, strict=True))
+    probed = list(tried.values())
+    better = in_parallel(lambda pair: _at_sizes(at, pair, whole), probed, jobs=at.bench.jobs)
+    instead = dict(zip((id(c) for c, _ in probed), better, strict=True))
     return [instead.get(id(candidate), candidate) for candidate in found]
 
 
-def _at_sizes(at: "_At", candidate: Candidate, whole: float) -> Candidate:
-    """Return a candidate at the size of which it explains most, if that is more than its slope promises."""
+def _at_sizes(at: "_At", pair: "_Judged", whole: float) -> Candidate:
+    """Return a candidate at the size of which it explains most, if that is more than its slope promises.
+
+    Only what has a motion of its own can resonate.
+    """
+    candidate, columns = pair
     insertion, best = candidate.insertion, candidate
-    name, starts = insertion.size_names[0], insertion.starts
+    (name,), slope = insertion.size_names, float(np.linalg.norm(next(iter(columns.values()))))
+    if not (slope > 0 and np.isfinite(slope)):
+        return candidate
     try:
-        slope = float(np.linalg.norm(at.alone(insertion).sizes[name]))
+        problem = at.problem(insertion)
     except (SolverError, ModelError):
         return candidate
-    for share in PROBES if slope > 0 and np.isfinite(slope) else ():
-        values = starts | {name: share * np.sqrt(whole) / slope}
+    if not any(state.removeprefix("der(").startswith(f"{insertion.prefix}.") for state in problem.system.states):
+        return candidate
+    for share in PROBES:
+        values = insertion.starts | {name: share * np.sqrt(whole) / slope}
         with contextlib.suppress(SolverError, ModelError):
-            there = at.alone(insertion, values)
-            columns = np.column_stack([there.base, *there.sizes.values()])
-            predicted = whole - _left(there.residual, columns)
+            there = at.alone(insertion, values, problem)
+            predicted = whole - _left(there.residual, np.column_stack([there.base, *there.sizes.values()]))
             if predicted > best.predicted:
                 best = replace(candidate, parameters=values, predicted=predicted, why_not="", response=None)
     return best
@@ -236,9 +252,14 @@ class _At:
     def sweep(self, batch: tuple[Insertion, ...], with_shapes: bool) -> Sweep:
         return sweep(self.bench, self.taken, batch, self.point, self.bandwidth, self.sd, with_shapes=with_shapes)
 
-    def alone(self, option: Insertion, values: Mapping[str, float] | None = None) -> Sweep:
+    def problem(self, option: Insertion) -> Problem:
+        return alone_with(self.bench, self.taken, option)
+
+    def alone(
+        self, option: Insertion, values: Mapping[str, float] | None = None, problem: Problem | None = None
+    ) -> Sweep:
         point = {**self.point, **(values or {})}
-        return one_by_one(self.bench, self.taken, option, point, self.bandwidth, self.sd)
+        return one_by_one(problem or self.problem(option), option, point, self.bandwidth, self.sd)
 
 
 _Judged = tuple[Candidate, Mapping[str, np.ndarray]]

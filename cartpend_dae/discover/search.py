@@ -7,7 +7,7 @@ import numpy as np
 
 from cartpend_dae.discover.bases import Library, base_of, fit_base, noise_rules, place_with_a_future
 from cartpend_dae.discover.choice import SHAPE, are_parallel, step_of
-from cartpend_dae.discover.couple import couple, simpler
+from cartpend_dae.discover.couple import couple, plainer, simpler
 from cartpend_dae.discover.disturbed import fitted, margin_of, penalty
 from cartpend_dae.discover.evidence import determined, lead, with_robust_sd
 from cartpend_dae.discover.gate import residuals
@@ -17,7 +17,15 @@ from cartpend_dae.discover.regime import best_bandwidth, sampling_rate
 from cartpend_dae.discover.revise import prune, swap
 from cartpend_dae.discover.screen import candidates, is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import MOST, is_most, is_nearly_all, try_all, try_in_noise, weighed_trials
+from cartpend_dae.discover.trial import (
+    MOST,
+    is_left_to_shape,
+    is_most,
+    is_nearly_all,
+    try_all,
+    try_in_noise,
+    weighed_trials,
+)
 from cartpend_dae.discover.weigh import weigh
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place
@@ -113,13 +121,15 @@ def _against_forces(
 ) -> tuple[Rules, Base, Base]:
     """Search against random forces; return the rules, and the models before and after.
 
-    What noise alone had found stands if both agree on it; if it is most of all, and forces find nothing, as the
-    injection that suits them hides what is wrong at a sensor, or what leaves clearly more of the runs; and if the model
-    cannot be weighed so, or the search is interrupted before.
+    What noise alone had found stands if it leaves no more than its shape; if both agree on it; if it is most of all,
+    and forces find nothing, as the injection that suits them hides what is wrong at a sensor, or what leaves clearly
+    more of the runs; and if the model cannot be weighed so, or the search is interrupted before.
     """
     found, stood = log.steps, log.base
     old = (replace(noise, regime="disturbances"), *without)
     rules, start = noise, without[0]
+    if found and is_left_to_shape(without[1].bare, without[1].fit):
+        return old
     try:
         rules, start = _forced(bench, noise, without[0])
         # above the sampling rate each sample is corrected by all of its error, and forces explain everything
@@ -285,6 +295,9 @@ def _grow(
 
 def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _Log, n_more: int) -> Base | None:
     """Return the model with one more effect, or two of at most `n_more`, and log it; None if there is none to add."""
+    is_plain = not any(plainer(step, list(log.tried.values())) for step in log.steps)
+    if rules.regime == "noise" and is_plain and is_left_to_shape(base.bare, base.fit):
+        return None
     options = candidates(*library, base.taken)
     if rules.regime == "noise" and log.steps:
         options = _supported(bench, base, rules, options)

@@ -177,22 +177,21 @@ def _sliding(system: System, mine: list[int], *, is_felt: bool = True) -> System
     )
 
 
+def alone_with(bench: Workbench, taken: tuple[Insertion, ...], option: Insertion) -> Problem:
+    """Return the problem of the model with a single effect more, in coarse steps."""
+    return bench.build((*taken, option), bench.setup.train, COARSE)
+
+
 def one_by_one(
-    bench: Workbench,
-    taken: tuple[Insertion, ...],
-    option: Insertion,
-    point: Mapping[str, float],
-    bandwidth: float,
-    sd: np.ndarray,
+    problem: Problem, option: Insertion, point: Mapping[str, float], bandwidth: float, sd: np.ndarray
 ) -> Sweep:
-    """Linearise the model with a single effect; arguments and result are those of `sweep`.
+    """Linearise a problem with a single effect more; the other arguments and the result are those of `sweep`.
 
     Raises
     ------
     SolverError
         If the simulation diverges.
     """
-    problem = bench.build((*taken, option), bench.setup.train, COARSE)
     values = scaled_values(problem, point)
     w = np.full(len(problem.outputs), float(bandwidth))
     data = stack_data(problem.layout, problem.experiments, 1.0 / sd)

@@ -345,6 +345,14 @@ def _is_shape_error(base: Base, fit: Fit) -> bool:
     return share < TOUCH or residuals(fit).is_passed or fit.chi2 > NOISE_ALONE * fit.n_residuals
 
 
+def is_left_to_shape(bare: float, fit: Fit) -> bool:
+    """Return whether all that a fit leaves is less than its laws may be wrong by: no addition could be told from that.
+
+    `bare` is chi2 of the model without additions.
+    """
+    return fit.chi2 < TOUCH * (bare - fit.chi2) and fit.chi2 < FAR * fit.n_residuals
+
+
 def is_far_from_noise(before: Fit, after: Fit) -> bool:
     """Return whether much more than noise was left before, and noise alone is after: no error of a law is mended so."""
     return is_noise_alone(after) and before.chi2 > FAR * before.n_residuals
