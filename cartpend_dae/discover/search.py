@@ -121,14 +121,14 @@ def _against_forces(
 ) -> tuple[Rules, Base, Base]:
     """Search against random forces; return the rules, and the models before and after.
 
-    What noise alone had found stands if it leaves no more than its shape; if both agree on it; if it is most of all,
-    and forces find nothing, as the injection that suits them hides what is wrong at a sensor, or what leaves clearly
-    more of the runs; and if the model cannot be weighed so, or the search is interrupted before.
+    What noise alone had found stands if a single effect leaves no more than its shape; if both agree on it; if it is
+    most of all, and forces find nothing, as the injection that suits them hides what is wrong at a sensor, or what
+    leaves clearly more of the runs; and if the model cannot be weighed so, or the search is interrupted before.
     """
     found, stood = log.steps, log.base
     old = (replace(noise, regime="disturbances"), *without)
     rules, start = noise, without[0]
-    if found and is_left_to_shape(without[1].bare, without[1].fit):
+    if len(found) == 1 and is_left_to_shape(without[1].bare, without[1].fit):
         return old
     try:
         rules, start = _forced(bench, noise, without[0])
