@@ -57,6 +57,21 @@ def swap(bench: Workbench, base: Base, steps: list[Step], rules: Rules, library:
     return base, steps
 
 
+def settled(bench: Workbench, base: Base, steps: list[Step], rules: Rules) -> tuple[Base, list[Step]]:
+    """Take back the last additions as long as they explain less than is left beyond noise with them.
+
+    What is left then is disturbances, or errors of the laws found before, and so may be what such an addition explains.
+    """
+    while len(steps) > 1:
+        last = steps[-1].candidate.insertion.prefix
+        fewer = tuple(insertion for insertion in base.taken if insertion.prefix != last)
+        before = replace(fit_base(bench, fewer, _early(base, rules), rules), bare=base.bare)
+        if before.fit.chi2 - base.fit.chi2 > base.fit.chi2 - base.fit.n_residuals:
+            break
+        base, steps = before, steps[:-1]
+    return base, steps
+
+
 def _early(base: Base, rules: Rules) -> dict[str, float]:
     """Return the fit of the stage of screening."""
     if rules.regime == "forces":

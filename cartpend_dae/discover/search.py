@@ -14,7 +14,7 @@ from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.mirror import mirrored
 from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdict
 from cartpend_dae.discover.regime import best_bandwidth, sampling_rate
-from cartpend_dae.discover.revise import prune, swap
+from cartpend_dae.discover.revise import prune, settled, swap
 from cartpend_dae.discover.screen import candidates, is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import (
@@ -85,7 +85,10 @@ def search(
             base = _grow(bench, start, rules, library, max_steps, log)
         elif regime == "forces" or (regime is None and residuals(base.fit).is_passed):
             # no sum of effects leaves noise alone, so that something else moves the rig as well
-            rules, start, base = _against_forces(bench, noise, (start, base), library, max_steps, log)
+            alone = base
+            rules, start, base = _against_forces(bench, noise, (start, alone), library, max_steps, log)
+            if base is alone:
+                base, log.steps = settled(bench, base, log.steps, noise)
     except KeyboardInterrupt:
         log.is_interrupted, base = True, log.base or start
     last_gate = residuals(base.fit)
