@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from test_discover_pendulum import clean_run, noisy_setup
 
-from cartpend_dae.discover.choice import ordered_by_bic
+from cartpend_dae.discover import revise
+from cartpend_dae.discover import trial as trials
+from cartpend_dae.discover.choice import ordered_by_bic, step_of
 from cartpend_dae.discover.couple import couple, promising
 from cartpend_dae.discover.disturbed import ordered
+from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.nested import PEAK, own, restarted, simplified
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.state import Base, Rules
@@ -182,3 +185,52 @@ def test_what_is_less_than_laws_may_be_wrong_by_is_not_looked_into(bench, plain_
     base = Base((), {0.0: plain_fit}, bare)
     rules = Rules("noise", (0.0,), 0.0, np.array([1e-3]), ())
     assert couple(bench, base, rules, [], [near], 0.0) is None
+
+
+@pytest.fixture
+def shares(monkeypatch):
+    """Let one simulation at each bandwidth promise a share of the cost that is set here."""
+    found = {}
+    monkeypatch.setattr(trials, "promise", lambda bench, taken, point, options, stage, sd: found[stage] * 100.0)
+    return found
+
+
+def test_stages_come_in_the_order_in_which_something_shows_and_the_free_one_after_what_leaves_least(
+    bench, plain_fit, shares
+):
+    rules = Rules("noise", (75.0, 26.0, 0.0), 75.0, np.array([1e-3]))
+    fits = {75.0: replace(plain_fit, chi2=100.0), 26.0: replace(plain_fit, chi2=50.0), 0.0: plain_fit}
+    options, stages = [insertion_at(RotaDamp(), "cogging", "bearing")], [75.0, 26.0, 0.0]
+
+    def order(**by_stage):
+        shares.update({75.0: by_stage["first"], 26.0: by_stage["second"], 0.0: by_stage["free"]})
+        shares[26.0] /= 2
+        shares[0.0] *= plain_fit.chi2 / 100.0
+        return trials.in_order(bench, Base((), fits), rules, options, stages)
+
+    assert order(first=0.5, second=0.9, free=0.9) == [75.0, 26.0, 0.0]
+    assert order(first=0.01, second=0.9, free=0.9) == [26.0, 75.0, 0.0]
+    assert order(first=0.01, second=0.02, free=0.9) == [26.0, 0.0, 75.0]
+    assert order(first=0.03, second=0.02, free=0.01) == [75.0, 26.0, 0.0]
+    assert trials.in_order(bench, Base((), fits), rules, [], stages) == stages
+
+
+def test_the_last_additions_are_taken_back_while_they_explain_less_than_is_left(monkeypatch, bench, plain_fit, fitted):
+    n = plain_fit.n_residuals
+    left = {0: 1000.0, 1: 300.0, 2: 150.0, 3: 80.0}
+    at = [fitted(effect, 0.0, 0.0) for effect in ("coulomb_friction", "cubic_stiffness", "constant_load")]
+    steps = [step_of(one, residuals(plain_fit), [one]) for one in at]
+
+    def base_with(taken):
+        return Base(taken, {0.0: replace(plain_fit, chi2=n + left[len(taken)])}, n + left[0])
+
+    monkeypatch.setattr(revise, "fit_base", lambda bench, taken, guess, rules: base_with(taken))
+    rules = Rules("noise", (0.0,), 0.0, np.array([1e-3]))
+    whole = base_with(tuple(one.insertion for one in at))
+    base, kept = revise.settled(bench, whole, steps, rules)  # the third explains 70 of 80, the second 150 of 150
+    assert kept == steps[:1] and base.taken == whole.taken[:1] and base.bare == whole.bare
+    left |= {2: 140.0}
+    base, kept = revise.settled(bench, whole, steps, rules)
+    assert kept == steps[:2] and base.taken == whole.taken[:2]
+    left |= {3: 10.0}
+    assert revise.settled(bench, whole_now := base_with(whole.taken), steps, rules) == (whole_now, steps)

@@ -191,10 +191,10 @@ def beside(
     able = sorted((c for c in ranked if c.early is not None and not is_composite(c)), key=left_early)
     strong: list[Candidate] = []
     for c in able:
-        plainer = [
+        cases = [
             d for d in able if contains(c, d, ranked) and _explains(d, base, stage) > PLAIN * _explains(c, base, stage)
         ]
-        first = min(plainer, key=lambda d: (len(d.insertion.parameter_names), d.early), default=c)
+        first = min(cases, key=lambda d: (len(d.insertion.parameter_names), d.early), default=c)
         if not any(first is d or is_other_law(first, d) for d in strong):
             strong.append(first)
     found: list[Couple] = []

@@ -110,7 +110,7 @@ def _screened_where_it_shows(
     """Screen with the injection of the stage of screening, or with less, or none, where that hides what is missing."""
     stages = sorted((w for w in base.fits if w <= rules.screening), reverse=True)
     best, most = (rules.screening, list[Candidate]()), -1.0
-    for stage in _in_order(bench, base, rules, options, stages):
+    for stage in in_order(bench, base, rules, options, stages):
         fit = base.fits[stage]
         screened = screen(bench, base.taken, fit.point, options, stage, rules.sd)
         share = max((c.predicted for c in screened if not c.why_not), default=0.0) / fit.chi2
@@ -121,17 +121,23 @@ def _screened_where_it_shows(
     return best
 
 
-def _in_order(bench: Workbench, base: Base, rules: Rules, options: list[Insertion], stages: list[float]) -> list[float]:
-    """Put the stages first at which one simulation tells already that something shows, then the one where most does."""
+def in_order(bench: Workbench, base: Base, rules: Rules, options: list[Insertion], stages: list[float]) -> list[float]:
+    """Put the stages first at which one simulation tells already that something shows, then the one where most does.
+
+    Where nothing shows with injection, the stage that leaves least comes before the free simulation: one simulation
+    does not tell of waves, such as cogging, whose phase is right along what was measured, and lost without injection.
+    """
     if len(stages) < 2 or not options:
         return stages
     shares: dict[float, float] = {}
     for stage in stages:
         fit = base.fits[stage]
         shares[stage] = promise(bench, base.taken, fit.point, options, stage, rules.sd) / fit.chi2
-        if shares[stage] > HIDDEN:
+        if stage > bench.last and shares[stage] > HIDDEN:
             return [stage, *(other for other in stages if other != stage)]
-    return sorted(stages, key=lambda stage: -shares[stage])
+    ranked = sorted(stages, key=lambda stage: -shares[stage])
+    led = min(stages[:-1], key=lambda stage: base.fits[stage].chi2)
+    return [led, *(other for other in ranked if other != led)] if ranked[0] == bench.last else ranked
 
 
 def _shows(candidate: Candidate, fit: Fit) -> bool:
