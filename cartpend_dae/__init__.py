@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         Param,
         Port,
         Statements,
+        clock_rate,
         connect,
         der,
         discrete,
@@ -70,6 +71,7 @@ __all__ = [
     "assign",
     "both",
     "catalogue",
+    "clock_rate",
     "connect",
     "der",
     "describe_start",
@@ -108,8 +110,8 @@ _MODULES = {
     "effects": "catalogue insert places",
     "errors": "CartpendError ModelError SolverError StructureError StudyError",
     "fmi": "export_fmu",
-    "language": "Component Param Port Statements connect der discrete dry_friction flow initial param port signal time "
-    "unknown var",
+    "language": "Component Param Port Statements clock_rate connect der discrete dry_friction flow initial param port "
+    "signal time unknown var",
     "linear_model": "LinearModel",
     "linearize": "linearize",
     "simulate": "simulate",

@@ -17,6 +17,7 @@ from cartpend_dae.merge import merge_frictions
 from cartpend_dae.quantities import StateSelect
 from cartpend_dae.sort import sort
 from cartpend_dae.system import FlatSystem, System
+from cartpend_dae.timekeeping import at_rate
 
 
 def assemble(model: Component | System, *, states: Mapping[str, StateSelect] | None = None) -> System:
@@ -41,7 +42,7 @@ def assemble(model: Component | System, *, states: Mapping[str, StateSelect] | N
     with _without_collection():
         flat = _selecting(flatten(model), states or {})
         check_dimensions(flat)
-        system = merge_frictions(sort(reduce_index(alias(flat))))
+        system = at_rate(merge_frictions(sort(reduce_index(alias(flat)))))
     check_bounds(system, system.parameter_values)
     return system
 

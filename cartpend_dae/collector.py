@@ -48,7 +48,8 @@ class Clock:
 class Collector:
     """Derivatives, dry frictions, relations, clocks and comparisons by ``==`` and ``!=``, in order of first use.
 
-    `derivatives` maps the element hash of a symbol to (symbol, its derivative).
+    `derivatives` maps the element hash of a symbol to (symbol, its derivative); `rates` are those of clocks that run
+    wrong.
     """
 
     time: ca.SX
@@ -57,6 +58,7 @@ class Collector:
     relations: list[Relation] = field(default_factory=list)
     clocks: list[Clock] = field(default_factory=list)
     equalities: list[ca.SX] = field(default_factory=list)
+    rates: list[ca.SX] = field(default_factory=list)
 
 
 _collector: ContextVar[Collector] = ContextVar("collector")

@@ -4,6 +4,7 @@ Ports that nothing joins, those of the whole model too, pass no flow.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import casadi as ca
 
@@ -23,6 +24,7 @@ from cartpend_dae.quantities import Port, is_number, state_of
 from cartpend_dae.statements import stated_by
 from cartpend_dae.system import FlatSystem, Parameter, Variable
 from cartpend_dae.templates import Key, Template, make_template, template_key
+from cartpend_dae.timekeeping import rate_of
 
 
 def flatten(model: Component) -> FlatSystem:
@@ -59,7 +61,7 @@ def flatten(model: Component) -> FlatSystem:
         raise ModelError(listed_findings(name, tables.findings)) from next(iter(tables.causes), None)
     flat = freeze(tables, collector, templates, inputs, name)
     check_balance(tables, flat)
-    return flat
+    return replace(flat, rate=rate_of(flat, collector.rates)) if collector.rates else flat
 
 
 def _walk(component: Component, path: str) -> Iterator[tuple[str, Component]]:
@@ -149,6 +151,7 @@ def _n_notes(tables: Gathered, collector: Collector) -> tuple[int, ...]:
         collector.frictions,
         collector.relations,
         collector.clocks,
+        collector.rates,
         tables.initials,
         tables.connections,
         tables.whens,

@@ -110,6 +110,25 @@ def time() -> ca.SX:
     return collector_of("time").time
 
 
+def clock_rate(rate: Expression) -> None:
+    """State how fast the time of the whole model passes in that of its simulation, dt/dt_s = rate, with t = 0 at 0.
+
+    Inputs, records and sampling periods are in the time of the simulation: that of a recorder, whose clock may run
+    wrong. `time` and `der` in the equations are in that of the model. Rates of several components multiply.
+
+    Parameters
+    ----------
+    rate
+        Positive number or expression of parameters [1].
+
+    Raises
+    ------
+    ModelError
+        Outside of `equations`, and, when the model is assembled, for a rate that changes in time.
+    """
+    collector_of("clock_rate").rates.append(ca.SX(rate))
+
+
 def dry_friction(
     speed: ca.SX,
     level: Expression,

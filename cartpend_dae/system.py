@@ -93,9 +93,9 @@ class Group:
 class FlatSystem:
     """All equations of a model without hierarchy.
 
-    `symbols` (n_variables, 1) belong to `variables`; `derivative_symbols` to `derivatives`, pairs of a
-    variable and an order. `residual` (n_equations, 1) is zero; `origins` says where each equation stands.
-    An equation stands in one of the `groups`, or is one of its kind.
+    `symbols` (n_variables, 1) belong to `variables`; `derivative_symbols` to `derivatives`, pairs of a variable and an
+    order. `residual` (n_equations, 1) is zero; `origins` says where each equation stands: in one of the `groups`, or
+    alone. `rate` is that of its time to the simulation's.
     """
 
     name: str
@@ -116,6 +116,7 @@ class FlatSystem:
     initials: Initials
     hybrid: Hybrid
     connections: tuple[tuple[str, ...], ...]
+    rate: ca.SX | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,10 +196,9 @@ class StateRelation:
 class System:
     """A well-posed model: x' = ode(t, x, z, u, p, friction), 0 = alg(...), every variable in `outputs`.
 
-    All expressions are CasADi SX in `time`, `x`, `z`, `u`, `p` and `frictions.force`. `invariants` are
-    constraints between the states that a start must meet and that `ode` keeps; `dummies` are the variables that are no
-    states because a constraint gives them, and its origin. `positions` finds variables and independent parameters;
-    `kept` belongs to `prepared`.
+    All expressions are CasADi SX in `time`, `x`, `z`, `u`, `p` and `frictions.force`. `invariants` are constraints
+    between the states that a start must meet and that `ode` keeps; `dummies` are no states because a constraint gives
+    them, with its origin. `positions` finds variables and independent parameters; `kept` belongs to `prepared`.
     """
 
     name: str

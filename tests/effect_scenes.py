@@ -19,7 +19,10 @@ from models.linear_damp_mod import LinearDampMod
 from models.rota_damp import RotaDamp
 
 # one effect has two cards: its friction goes by the force in a bearing, or by what a joint passes on
-CARDS = {f"{card.id} at a bearing" if card.load else card.id: card for card in catalogue()}
+CARDS = {
+    f"{card.id} at a bearing" if card.load else f"{card.id} of all" if card.insertion == "clock" else card.id: card
+    for card in catalogue()
+}
 STEP, DURATION = 0.004, 2.0
 TIME = np.arange(0.0, DURATION + STEP / 2, STEP)
 
@@ -69,6 +72,7 @@ SHOWN = {
     ("series", E): (DRIVEN, "amplifier.pin_p"),
     ("input", None): (DRIVEN, "amplifier.u"),
     ("sensor", None): (PENDULUM, "bearing.phi"),
+    ("clock", None): (PENDULUM, "time"),
 }
 ELSEWHERE = {
     ("one_sided_spring", R): (SPRUNG, "spring"),
@@ -118,6 +122,7 @@ OTHER_SIZES = {
     ("magnetic_saturation", None): {"e": 0.01},
     ("winding_heating", None): {"e": 0.05, "T_th": 5.0},
     ("clock_drift", None): {"e": 0.01},
+    ("clock_drift of all", None): {"e": 0.01},
 }
 
 

@@ -191,6 +191,7 @@ SAME = {
     ("sensor_delay", "input_delay"): (None, DRIVEN, {"T_d": 1}, {"T_d": 1}, ONE),
     ("input_delay", "sensor_delay"): (None, DRIVEN, {"T_d": 1}, {"T_d": 1}, ONE),
     ("clock_drift", "sensor_delay"): (None, PENDULUM, {"t_0": 1}, {"T_d": 1}, {}),
+    ("clock_drift", "added_inertia"): ((None, R), PENDULUM, {"e": 1}, {"J": 1}, {"own": "clock_drift of all"}),
     ("dead_zone", "coulomb_friction"): ((None, T), SLOW, {"u_pos": 1, "u_neg": 1}, {"f_c": 1}, ONE),
 }
 AT = {
@@ -217,12 +218,13 @@ def test_what_a_card_calls_equivalent_cannot_be_told_apart(pair):
     kinds, rig, *weights, options = SAME[pair]
     kinds = kinds if isinstance(kinds, tuple) else (kinds, kinds)
     shapes = options.get("shapes", {})
-    own, other = (inserted_at(rig, effect, kind) for effect, kind in zip(pair, kinds, strict=True))
+    effects = options.get("own", pair[0]), pair[1]
+    own, other = (inserted_at(rig, effect, kind) for effect, kind in zip(effects, kinds, strict=True))
     if pair[0] == "current_sensor_error":
         other = replace(other, place=replace(other.place, at="motor.i"))
     model = insert(insert(rig.model(), own.card, own.place, **shapes), other.card, other.place)
     names = [[f"{found.prefix}.{name}" for name in w] for found, w in zip((own, other), weights, strict=True)]
-    options = {key: value for key, value in options.items() if key != "shapes"}
+    options = {key: value for key, value in options.items() if key not in ("shapes", "own")}
     both = [*names[0], *names[1]]
     gram, found = columns(rig, (own, other), model, both, **options)
     mix = np.zeros((2, len(found)))

@@ -20,7 +20,10 @@ from models.linear_damp_mod import LinearDampMod
 from models.rota_damp import RotaDamp
 
 MODELS = {"pendulum": (RotaDamp, "bearing.phi"), "springs": (LinearDampMod, "encoder.s"), "servo": (EMPS, "encoder.s")}
-CARDS = {f"{card.id} at a bearing" if card.load else card.id: card for card in catalogue()}
+CARDS = {
+    f"{card.id} at a bearing" if card.load else f"{card.id} of all" if card.insertion == "clock" else card.id: card
+    for card in catalogue()
+}
 
 
 def first_fitting(model, card, measured):
@@ -77,6 +80,16 @@ def test_measured_variables_are_places_for_sensors_only():
     fitting = {card.id for card in CARDS.values() if fits(card, found)}
     assert all(name.startswith("sensor_") or name == "clock_drift" for name in fitting)
     assert "current_sensor_error" not in fitting
+
+
+def test_the_clock_of_a_recorder_is_exact():
+    times = np.linspace(0.0, 8.0, 161)
+    plain = simulate(RotaDamp(), times=1.03 * times, start={"bearing.phi": 1.0})
+    found = insert(RotaDamp(), "clock_drift", "time", e=0.03)
+    run = simulate(found, times=times, start={"bearing.phi": 1.0})
+    assert np.abs(run["bearing.phi"] - plain["bearing.phi"]).max() < 1e-7
+    # a speed stays that of the model, and so does a source of the model itself
+    assert np.abs(run["bearing.w"] - plain["bearing.w"]).max() < 1e-7
 
 
 def by_manner(model, measured=()):

@@ -31,7 +31,7 @@ LAYERS = """
     gathered dimension_rules statements
     templates connections dimensions
     happenings
-    freeze balance
+    freeze balance timekeeping
     flatten
     rows diagnose
     singular contradiction

@@ -68,10 +68,12 @@ def try_in_noise(bench: Workbench, base: Base, rules: Rules, options: list[Inser
     wide = [c for c in possible[:WIDE] if c.predicted > FAINT * possible[0].predicted]
     wide += _as_well(wide, possible[WIDE:])
     wide += [c for c in possible if c not in wide and _is_simple(c) and any(holds(other, c) for other in wide)]
+    early = _expected_first_fits(bench, base, rules, stage, wide)
+    if not any(_explains_most(c, base.fits[stage]) for c in early):
+        later = [c for c in possible if c not in wide and c.predicted > FAINT * possible[0].predicted][:WIDE]
+        early += _expected_first_fits(bench, base, rules, stage, later)
+        wide += later
     rest += [replace(c, why_not="others promise more") for c in possible if c not in wide]
-    for candidate in wide:
-        bench.expect(candidate.parameters)
-    early = _first_fits(bench, base, rules, stage, wide)
     rest += [c for c in early if c.why_not]
     ranked = sorted((c for c in early if not c.why_not), key=lambda c: bic(c.fit) if c.fit else np.inf)
     few = ranked[:MIDDLE] + [c for c in ranked[MIDDLE:] if _is_simple(c)][:NARROW]
@@ -80,6 +82,21 @@ def try_in_noise(bench: Workbench, base: Base, rules: Rules, options: list[Inser
     complete = [c for c in judged if c.fit is not None]
     ranked = rounded_first(ordered_by_bic(bench, complete, base, rules))
     return stage, ranked + [c for c in judged if c.fit is None] + rest
+
+
+def _expected_first_fits(
+    bench: Workbench, base: Base, rules: Rules, stage: float, wide: list[Candidate]
+) -> list[Candidate]:
+    """Fit some for the first time, after telling the workbench what comes."""
+    for candidate in wide:
+        bench.expect(candidate.parameters)
+    return _first_fits(bench, base, rules, stage, wide)
+
+
+def _explains_most(candidate: Candidate, before: Fit) -> bool:
+    """Return whether a candidate leaves little beyond noise of what was left before it, at the stage of that fit."""
+    fit = candidate.fit
+    return fit is not None and fit.chi2 - fit.n_residuals < MOST * (before.chi2 - fit.n_residuals)
 
 
 def _as_well(first: list[Candidate], others: list[Candidate]) -> list[Candidate]:

@@ -11,7 +11,7 @@ from cartpend_dae.language import Component, Port
 from cartpend_dae.library import electrical, rotational, translational
 
 Kind = type[Port] | None
-Manner = Literal["parallel", "series", "law", "sensor", "input"]
+Manner = Literal["parallel", "series", "law", "sensor", "input", "clock"]
 Role = Literal["size", "shape", "wave", "choice", "step", "instant"]
 # what is tried or read from a record, and not estimated
 GIVEN: frozenset[Role] = frozenset({"choice", "step", "instant"})
@@ -64,7 +64,7 @@ class Card:
     insertion
         Where it goes: ``parallel`` between two flanges or a flange and ground; in ``series``, between a port and what
         is joined to it; in the ``law`` of a component, whose constant it multiplies; between the model and a
-        ``sensor``; before an ``input`` of an actuator.
+        ``sensor``; before an ``input`` of an actuator; for the whole model, whose ``clock`` it changes.
     components
         The component for each kind of port; None where it joins signals. Two flanges named `flange_a` and `flange_b`,
         two pins `pin_p` and `pin_n`, or a signal `u` in and `y` out; a law has `y` out, and `reads` its inputs.

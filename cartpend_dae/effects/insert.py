@@ -143,6 +143,9 @@ def _put(fresh: Component, insertion: Insertion) -> None:
     if card.insertion == "parallel":
         _beside(fresh, card, place, made)
         return
+    if card.insertion == "clock":
+        fresh.attach(insertion.prefix, made)
+        return
     path, _, name = place.at.rpartition(".")
     owner, label = component_at(fresh, path), f"{name}.{card.id}"
     if card.insertion == "law":

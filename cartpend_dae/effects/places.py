@@ -69,6 +69,10 @@ class Place:
     load: str = ""
 
 
+# the time of the whole model
+CLOCK = Place("time", None, None, None, (), "clock")
+
+
 def places(
     model: Component, measured: tuple[str, ...] = (), cards: tuple[Card, ...] | None = None
 ) -> tuple[Place, ...]:
@@ -92,7 +96,7 @@ def places(
     known = catalogue() if cards is None else cards
     reading = _read(model)
     sensors = (_sensor(model, name) for name in measured)
-    found = (*_parallel(model, reading), *_series(model, reading), *_constants(model), *_inputs(model), *sensors)
+    found = (*_parallel(model, reading), *_series(model, reading), *_constants(model), *_inputs(model), CLOCK, *sensors)
     return tuple(place for place in found if any(fits(card, place) for card in known))
 
 
@@ -164,6 +168,7 @@ _WHERE: dict[Manner, str] = {
     "law": "into the constant of a component",
     "sensor": "behind a variable",
     "input": "before the input of an actuator",
+    "clock": "at `time` alone",
 }
 
 
@@ -182,6 +187,8 @@ def _named(model: Component, card: Card) -> Iterator[Place]:
         yield from (place for place in _constants(model) if place.at.rpartition(".")[2] == card.constant)
     if card.insertion == "input":
         yield from _inputs(model)
+    if card.insertion == "clock":
+        yield CLOCK
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ grows with T_d from a floor T_0. That of a sensor is so short that nothing of a 
 
 import casadi as ca
 
-from cartpend_dae.language import Param, Statements, der, initial, param, time, var
+from cartpend_dae.language import Component, Param, Statements, clock_rate, der, initial, param, time, var
 from cartpend_dae.library.laws import SHORTEST, beyond, wave
 from cartpend_dae.library.signals import Block
 
@@ -99,6 +99,19 @@ class ClockDrift(Block):
         yield self.T_0 * der(self.x) == self.u - self.x
         yield initial(self.x == self.u, fixed=False)
         yield self.y == self.u + (self.e * time() + self.t_0) * (self.u - self.x) / self.T_0
+
+
+class RecorderClock(Component):
+    """Clock of a recorder that runs wrong, exactly: (1 + e) s pass in the model, when 1 s does in records and inputs.
+
+    It stands anywhere in a model, joined to nothing, for all records at once; what is sampled keeps its own periods.
+    """
+
+    e: Param = param(unit="1", default=0.0, min=-0.5, max=0.5, doc="relative error of the rate")
+
+    def equations(self) -> Statements:
+        clock_rate(1 + self.e)
+        yield from ()
 
 
 class InputOffset(Block):
