@@ -75,11 +75,16 @@ def test_a_plain_law_that_leaves_much_more_starts_from_the_richer_one_that_conta
     assert not simplified([replace(stuck, fit=replace(stuck.fit, chi2=199.0)), rich], lambda c: c.fit.chi2)
 
 
-def test_what_takes_far_more_than_noise_to_noise_alone_mends_no_shape(plain_fit):
-    n = plain_fit.n_residuals
+@pytest.fixture
+def noise(plain_fit):
+    """A fit that leaves noise alone."""
     rng = np.random.default_rng(3)
     white = tuple(replace(run, residual=rng.normal(size=run.residual.shape)) for run in plain_fit.runs)
-    noise = replace(plain_fit, runs=white, chi2=1.0 * n)
+    return replace(plain_fit, runs=white, chi2=1.0 * plain_fit.n_residuals)
+
+
+def test_what_takes_far_more_than_noise_to_noise_alone_mends_no_shape(plain_fit, noise):
+    n = plain_fit.n_residuals
     assert is_far_from_noise(replace(plain_fit, chi2=1.1 * FAR * n), noise)
     assert not is_far_from_noise(replace(plain_fit, chi2=0.9 * FAR * n), noise)
     assert not is_far_from_noise(replace(plain_fit, chi2=1.1 * FAR * n), replace(plain_fit, chi2=1.0 * n))
@@ -234,3 +239,43 @@ def test_the_last_additions_are_taken_back_while_they_explain_less_than_is_left(
     assert kept == steps[:2] and base.taken == whole.taken[:2]
     left |= {3: 10.0}
     assert revise.settled(bench, whole_now := base_with(whole.taken), steps, rules) == (whole_now, steps)
+
+
+def test_what_says_the_same_in_the_rig_comes_before_the_clock_of_the_recorder(bench, plain_fit, noise, fitted):
+    base = Base((), {0.0: plain_fit}, plain_fit.chi2)
+    rules = Rules("noise", (0.0,), 0.0, np.array([1e-3]))
+    clock = fitted("clock_drift", 3000.01, 0.2 * plain_fit.chi2, at="time", e=-0.01)
+    inertia = fitted("added_inertia", 3000.0, 0.2 * plain_fit.chi2, J=0.001)
+    clock, inertia = (replace(c, fit=replace(noise, parameters=c.fit.parameters)) for c in (clock, inertia))
+    assert names(ordered_by_bic(bench, [clock, inertia], base, rules)) == ["added_inertia", "clock_drift"]
+    worse = replace(inertia, gain=2998.0)
+    assert names(ordered_by_bic(bench, [clock, worse], base, rules)) == ["clock_drift", "added_inertia"]
+
+
+def test_ten_more_are_fitted_where_the_first_ten_explain_little(monkeypatch, bench, plain_fit, fitted):
+    n = plain_fit.n_residuals
+    at = [fitted("cubic_stiffness", 0.0, 0.0), *(fitted("constant_load", 0.0, 0.0) for _ in range(trials.WIDE))]
+    screened = [replace(one, predicted=200.0 - k, fit=None) for k, one in enumerate(at[1:])] + [
+        replace(at[0], predicted=60.0, fit=None)
+    ]
+    before = replace(plain_fit, chi2=n + 1000.0)
+    tried = []
+
+    def first_fits(bench, base, rules, stage, wide):
+        tried.append(names(wide))
+        left = {"constant_load": first_leave, "cubic_stiffness": 10.0}
+        return [replace(c, fit=replace(plain_fit, chi2=n + left[c.insertion.card.id])) for c in wide]
+
+    monkeypatch.setattr(trials, "_screened_where_it_shows", lambda *a: (0.0, screened))
+    monkeypatch.setattr(trials, "_first_fits", first_fits)
+    monkeypatch.setattr(trials, "_as_well", lambda first, others: [])
+    monkeypatch.setattr(trials, "_is_simple", lambda c: False)
+    monkeypatch.setattr(trials, "_judged", lambda bench, base, rules, few: [replace(c, fit=None) for c in few])
+    base, rules = Base((), {0.0: before}, before.chi2), Rules("noise", (0.0,), 0.0, np.array([1e-3]))
+    first_leave = 500.0
+    trials.try_in_noise(bench, base, rules, [])
+    assert tried == [["constant_load"] * trials.WIDE, ["cubic_stiffness"]]
+    tried.clear()
+    first_leave = 50.0
+    trials.try_in_noise(bench, base, rules, [])
+    assert tried == [["constant_load"] * trials.WIDE]

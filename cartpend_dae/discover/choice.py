@@ -18,7 +18,8 @@ from cartpend_dae.errors import SolverError
 ALIKE, ALIKE_SHARE, ALIKE_WHITE = 10.0, 0.01, 0.05
 # responses with a larger cosine move the data alike
 PARALLEL, SAME = 0.95, 0.999
-# differences of BIC
+# differences of BIC: what is one model in other words, what explains as much, and what explains clearly less
+EQUAL = 0.1
 NEAR, FAR_BEHIND = 3.0, 100.0
 # what a law that is linear in the motion depends on
 LINEAR = {"1", "x", "v", "a"}
@@ -122,7 +123,7 @@ def _likeliest(bench: Workbench, tied: list[Candidate], base: Base, rules: Rules
     """
     leaves_noise = any(c.fit is not None and not residuals(c.fit).is_passed for c in tied)
     if len(tied) == 1 or leaves_noise:
-        return max(tied, key=lambda c: c.gain)
+        return _in_the_rig(tied)
 
     def criterion(candidate: Candidate) -> float:
         assert candidate.fit is not None
@@ -136,6 +137,15 @@ def _likeliest(bench: Workbench, tied: list[Candidate], base: Base, rules: Rules
     near = [c for c, value in zip(tied, values, strict=True) if value < min(values) + ALIKE_WEIGHED]
     linear = [c for c in near or tied if set(c.insertion.card.regressors) <= LINEAR]
     return linear[0] if linear else tied[int(np.argmin(values))]
+
+
+def _in_the_rig(tied: list[Candidate]) -> Candidate:
+    """Return the best; of those that are as good to the last digits one in the rig, not the recorder's clock."""
+    best = max(tied, key=lambda c: c.gain)
+    if best.insertion.card.insertion != "clock":
+        return best
+    others = [c for c in tied if c is not best and c.gain > best.gain - EQUAL]
+    return max(others, key=lambda c: c.gain, default=best)
 
 
 def _is_shapeless(candidate: Candidate, judged: list[Candidate], base: Base) -> bool:
