@@ -8,6 +8,7 @@ from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.initialize import initialize
 from cartpend_dae.stepping import runge_kutta
 from cartpend_dae.system import System
+from cartpend_dae.timekeeping import is_rate
 from cartpend_dae.transcribe import FreeStart, Layout, RunStart, interval_inputs, parameter_function, shown_state
 from cartpend_dae.unknowns import Free, Prior
 
@@ -166,7 +167,7 @@ def _start_guess(experiment: Experiment, system: System, name: str) -> float | N
         return None
     for measured, channel in experiment.outputs.items():
         other = system.state_relations.get(measured)
-        if other is None or not ca.is_equal(system.ode[other.state], system.x[relation.state]):
+        if other is None or not is_rate(system, relation.state, other.state):
             continue
         known = np.isfinite(channel.values)
         times, values = experiment.time[known][:20], channel.values[known][:20]

@@ -62,3 +62,17 @@ def at_rate(system: System) -> System:
         frictions=system.frictions.with_laws(laws[:5]),
         hybrid=hybrid.with_laws(laws[5:]),
     )
+
+
+def is_rate(system: System, other: int, state: int) -> bool:
+    """Return whether one state is the rate of another in the model's own time, x' = other or x' = rate other."""
+    rate = system.ode[state]
+    if system.flat.rate is None or other == state:
+        return bool(ca.is_equal(rate, system.x[other]))
+    slope, known = (
+        ca.jacobian(rate, system.x[other]),
+        ca.vertcat(system.time, system.u, system.z, system.frictions.force),
+    )
+    if not slope.nnz() or ca.depends_on(slope, ca.vertcat(system.x, known)):
+        return False
+    return not ca.depends_on(rate, ca.vertcat(known, system.x[:other], system.x[other + 1 :]))

@@ -23,6 +23,7 @@ import numpy as np
 from cartpend_dae.data import Experiment
 from cartpend_dae.stepping import Step, runge_kutta
 from cartpend_dae.system import System
+from cartpend_dae.timekeeping import is_rate
 from cartpend_dae.unknowns import Free, Tie
 
 SEGMENT = 100
@@ -111,7 +112,7 @@ def injection_targets(system: System, outputs: tuple[int, ...]) -> tuple[tuple[i
         state, factor = shown
         rate: int | None = None
         for other in range(system.x.numel()):
-            if ca.is_equal(system.ode[state], system.x[other]):
+            if is_rate(system, other, state):
                 rate = other
         found.append((position, state, rate, factor))
     return tuple(found)

@@ -8,6 +8,7 @@ from cartpend_dae import (
     ModelError,
     Param,
     Statements,
+    assemble,
     clock_rate,
     der,
     export_fmu,
@@ -17,6 +18,7 @@ from cartpend_dae import (
     var,
 )
 from cartpend_dae.flatten import flatten
+from cartpend_dae.transcribe import injection_targets
 
 TIMES = np.linspace(0.0, 2.0, 41)
 
@@ -95,3 +97,10 @@ def test_an_fmu_has_the_clock_as_a_parameter(tmp_path):
     plain = simulate(Clocked(), times=1.2 * TIMES, start=start | {"v": 0.0})
     run = fmpy.simulate_fmu(str(file), stop_time=2.0, output_interval=0.05, start_values=start, output=["x"])
     np.testing.assert_allclose(np.interp(TIMES, run["time"], run["x"]), plain["x"], atol=1e-3)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.2])
+def test_a_measured_position_still_corrects_its_speed(e):
+    targets = injection_targets(assemble(Clocked(e)), (assemble(Clocked(e)).index_of("x"),))
+    ((_, state, rate, _),) = targets
+    assert rate is not None and rate != state

@@ -1,6 +1,6 @@
 """What goes wrong between a command and its actuator."""
 
-from cartpend_dae.effects.card import Card, level, shape, size
+from cartpend_dae.effects.card import Card, choice, level, shape, size
 from cartpend_dae.library import signal_errors
 
 
@@ -81,7 +81,7 @@ def input_cards() -> tuple[Card, ...]:
             summary="dead time between command and actuator, as of sampling or PWM",
             insertion="input",
             components={None: signal_errors.InputDelay},
-            parameters=(level("T_d"),),
+            parameters=(level("T_d"), choice("k", (1.0, 2.0)), choice("b", (1.0, 0.0))),
             dissipative=False,
             nested_in=(),
             equivalent_to={"sensor_delay": "a linear model with one sensor, driven from rest"},

@@ -167,17 +167,22 @@ class RateLimit(Block):
 
 
 class InputDelay(Block):
-    """Dead time, y = u - T_d (u - x)/T_f, T_f der(x) = u - x, T_f = T_d/2 + T_0: (1 - (T_d/2 - T_0) s)/(1 + T_f s).
+    """Dead time, y = u - T_d (u - x)/T_f, T_f der(x) = u - x, T_f near T_d/k: (1 - (T_d - T_f) s)/(1 + T_f s).
 
-    This is the Pade approximation of exp(-T_d s) with the floor T_0; T_d = 0 is no delay at all.
+    k = 2 is the Pade approximation of exp(-T_d s), for delays of several samples. k = 1 is a lag, for those shorter
+    than one: an input that is held changes after a sample then, and not with it. The lag grows from a floor T_0, so
+    that of a jump nothing passes a delay of twice the floor at once; T_d = 0 is no delay at all.
     """
 
     x = var(unit="1", doc="state of the approximation")
     T_d: Param = param(unit="s", default=0.0, min=0, doc="delay")
-    T_0: Param = param(unit="s", default=0.005, min=0, doc="floor of the lag")
+    k: Param = param(unit="1", default=1.0, min=1, max=2, doc="delay in units of the lag")
+    b: Param = param(unit="1", default=1.0, min=0, max=1, doc="share of the first u that stood there before the start")
+    T_0: Param = param(unit="s", default=SHORTEST / 10, min=0, doc="floor of the lag", is_shortest_time=True)
 
     def equations(self) -> Statements:
-        T_f = self.T_d / 2 + self.T_0
+        r = self.T_d / (self.k * self.T_0)
+        T_f = self.T_0 * ca.sqrt(r**2 + ca.exp(-(r**2)))
         yield T_f * der(self.x) == self.u - self.x
-        yield initial(self.x == self.u, fixed=False)
+        yield initial(self.x == self.b * self.u, fixed=False)
         yield self.y == self.u - self.T_d * (self.u - self.x) / T_f
