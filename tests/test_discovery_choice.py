@@ -8,7 +8,7 @@ from test_discover_pendulum import clean_run, noisy_setup
 
 from cartpend_dae.discover import revise
 from cartpend_dae.discover import trial as trials
-from cartpend_dae.discover.choice import ordered_by_bic, step_of
+from cartpend_dae.discover.choice import contains, ordered_by_bic, step_of
 from cartpend_dae.discover.couple import couple, promising
 from cartpend_dae.discover.disturbed import ordered
 from cartpend_dae.discover.gate import residuals
@@ -279,3 +279,11 @@ def test_ten_more_are_fitted_where_the_first_ten_explain_little(monkeypatch, ben
     first_leave = 50.0
     trials.try_in_noise(bench, base, rules, [])
     assert tried == [["constant_load"] * trials.WIDE]
+
+
+def test_a_law_contains_another_by_one_in_between_that_was_not_fitted(fitted):
+    lugre, coulomb = fitted("lugre_friction", 9.0, 10.0), fitted("coulomb_friction", 5.0, 20.0)
+    assert contains(lugre, coulomb, [lugre, coulomb])  # by Stribeck friction
+    assert not contains(coulomb, lugre, [lugre, coulomb])
+    elsewhere = fitted("coulomb_friction", 5.0, 20.0, LinearDampMod(), "rail")
+    assert not contains(lugre, elsewhere, [lugre, elsewhere])

@@ -12,6 +12,7 @@ from cartpend_dae.discover.records import Candidate, Gate, Step
 from cartpend_dae.discover.screen import is_other_law
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.workbench import Workbench
+from cartpend_dae.effects import catalogue
 from cartpend_dae.errors import SolverError
 
 # models whose criterion differs by less than this, or this share of chi2, explain the data alike: the smaller is taken
@@ -210,12 +211,16 @@ def _is_alike(winner: Candidate, other: Candidate) -> bool:
 
 
 def contains(rich: Candidate, simple: Candidate, ranked: list[Candidate]) -> bool:
-    """Return whether a law at a place contains another one at the same place, be it by a law in between."""
-    cards = {c.insertion.card.id: c.insertion.card for c in ranked} | {simple.insertion.card.id: simple.insertion.card}
+    """Return whether a law at a place contains another one at the same place, be it by a law in between.
+
+    That one need not be among those that were fitted.
+    """
+    above = {card.id: card.nested_in for card in catalogue()}
+    above |= {c.insertion.card.id: c.insertion.card.nested_in for c in (*ranked, simple)}
     known, new = set[str](), {simple.insertion.card.id}
     while new:
         known |= new
-        new = {above for card in new if card in cards for above in cards[card].nested_in} - known
+        new = {richer for card in new for richer in above.get(card, ())} - known
     return rich.insertion.place.at == simple.insertion.place.at and rich.insertion.card.id in known
 
 
