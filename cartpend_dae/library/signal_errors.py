@@ -169,7 +169,7 @@ class RateLimit(Block):
 class InputDelay(Block):
     """Dead time, y = u - T_d (u - x)/T_f, T_f der(x) = u - x, T_f near T_d/k: (1 - (T_d - T_f) s)/(1 + T_f s).
 
-    k = 2 is the Pade approximation of exp(-T_d s), for delays of several samples. k = 1 is a lag, for those shorter
+    k = 2 is the Pade approximation of exp(-T_d s), for delays of several samples. k = 1 is a lag, for those far shorter
     than one: an input that is held changes after a sample then, and not with it. The lag grows from a floor T_0, so
     that of a jump nothing passes a delay of twice the floor at once; T_d = 0 is no delay at all.
     """
