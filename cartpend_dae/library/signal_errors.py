@@ -102,9 +102,10 @@ class ClockDrift(Block):
 
 
 class RecorderClock(Component):
-    """Clock of a recorder that runs wrong, exactly: (1 + e) s pass in the model, when 1 s does in records and inputs.
+    """Clock of a recorder that runs wrong, t = (1 + e) t_s: (1 + e) s pass in the model, when 1 s does in its records.
 
-    It stands anywhere in a model, joined to nothing, for all records at once; what is sampled keeps its own periods.
+    It stands anywhere in a model, joined to nothing, for all records and inputs at once; what is sampled keeps its own
+    periods.
     """
 
     e: Param = param(unit="1", default=0.0, min=-0.5, max=0.5, doc="relative error of the rate")
@@ -171,7 +172,7 @@ class InputDelay(Block):
 
     k = 2 is the Pade approximation of exp(-T_d s), for delays of several samples. k = 1 is a lag, for those far shorter
     than one: an input that is held changes after a sample then, and not with it. The lag grows from a floor T_0, so
-    that of a jump nothing passes a delay of twice the floor at once; T_d = 0 is no delay at all.
+    that of a jump nothing passes a delay of twice the floor at once; T_d = 0 is no delay at all. At the start x = b u.
     """
 
     x = var(unit="1", doc="state of the approximation")
