@@ -77,7 +77,7 @@ def _relations_in_place(system: System, known: ca.SX | None = None, values: ca.S
         initials=replace(system.initials, residual=initials),
         invariants=invariants,
         frictions=f.with_laws(laws),
-        hybrid=Hybrid(none, none, (), none, none, none, none, (), none, (), h.modes),
+        hybrid=Hybrid(none, none, (), none, none, none, none, (), none, (), (-1,) * len(h.modes)),
     )
 
 
@@ -90,6 +90,6 @@ def between_events(system: System) -> System:
     names += [f"relation {k + 1} ({place})" for k, place in enumerate(h.relation_places)]
     names += [f"clock {k + 1}" for k in range(h.pulses.numel())]
     none = ca.SX(0, 1)
-    empty = Hybrid(none, none, (), none, none, none, none, (), none, (), h.modes)
+    empty = Hybrid(none, none, (), none, none, none, none, (), none, (), (-1,) * len(h.modes))
     u = ca.vertcat(system.u, system.d, h.relations, h.pulses)
     return replace(system, inputs=(*system.inputs, *names), u=u, d=none, hybrid=empty)

@@ -21,6 +21,8 @@ from cartpend_dae.system import System
 # longest step in units of the shortest time in which a component may change
 LONGEST = 2.0
 NEWTON = 3  # from the last step's values each step squares the error, so that three leave rounding only
+# friction that grows with a load it changes itself: a round leaves the coefficient of friction of the error, or less
+ROUNDS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +81,9 @@ def _part_function(system: System, substeps: int) -> ca.Function:
     if not ca.depends_on(system.alg, system.frictions.force):  # what holds a friction may follow the inputs at once
         z = solve(t_k + dt / 2, x, z, u_1, p_step, ca.SX.zeros(system.frictions.force.numel()))
     force = hold(t_k, dt, x, z, u_1, p_step)
+    for _ in range(_rounds(system)):
+        z = solve(t_k + dt / 2, x, z, u_1, p_step, force)
+        force = hold(t_k, dt, x, z, u_1, p_step)
     slopes = []
     for share, u in ((0.0, u_0), (0.5, u_1), (0.5, u_1), (1.0, u_2)):
         at = x + share * dt * slopes[-1] if slopes else x
@@ -86,6 +91,13 @@ def _part_function(system: System, substeps: int) -> ca.Function:
         slopes.append(rate(t_k + share * dt, at, z, u, p_step, force))
     x = x + dt / 6 * (slopes[0] + 2 * slopes[1] + 2 * slopes[2] + slopes[3])
     return ca.Function("part", [k, t, h, state, u_a, u_b, p], [ca.vertcat(x, z)], {"cse": True})
+
+
+def _rounds(system: System) -> int:
+    """Return how often friction and what it follows are found in turn: more than never where each changes the other."""
+    f = system.frictions
+    follows = bool(f.places) and ca.depends_on(ca.vertcat(f.level_pos, f.level_neg), system.z)
+    return ROUNDS if follows and ca.depends_on(system.alg, f.force) else 0
 
 
 def shortest_times(system: System) -> tuple[int, ...]:
@@ -115,6 +127,9 @@ def _measure_functions(system: System, substeps: int) -> tuple[ca.Function, ca.F
     else:
         held = hold(s.time, h / substeps, x, z, s.u, s.p)
         z_now = solve(s.time, x, z, s.u, s.p, held)
+        for _ in range(_rounds(s)):
+            held = hold(s.time, h / substeps, x, z_now, s.u, s.p)
+            z_now = solve(s.time, x, z_now, s.u, s.p, held)
     outputs = ca.Function("outputs", [s.time, s.x, s.z, s.u, s.p, force], [s.outputs])
     value = outputs(s.time, x, z_now, s.u, s.p, held)
     arguments = [s.time, h, ca.vertcat(x, z), s.u, s.p]

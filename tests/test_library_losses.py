@@ -11,7 +11,8 @@ from cartpend_dae.library import rotational as r
 from cartpend_dae.library import signals as s
 from cartpend_dae.library.electrical_losses import BrushDrop
 from cartpend_dae.library.electrical_sources import StepVoltage
-from cartpend_dae.library.rotational_links import GearLoss
+from cartpend_dae.library.rotational_friction import LossyGear
+from cartpend_dae.library.rotational_links import GearLoss, LoadDependentFriction
 from models.driven_cart import DrivenCart
 
 
@@ -31,6 +32,59 @@ def test_a_gear_loses_the_same_share_of_what_drives_it_either_way(torque, passed
     )
     found = run(model, 1.0, start={"wheel.phi": 0.0, "wheel.w": 10.0})
     np.testing.assert_allclose(found["wheel.w"], 10 + passed / 0.5 * found.time, rtol=1e-6)
+
+
+@pytest.mark.parametrize("method", ["adaptive", "rk4"])
+def test_friction_that_grows_with_a_load_it_changes_holds_with_it_at_the_same_instant(method):
+    """Of the torque T on the second of two wheels with friction between, T(1 - mu) - tau_c moves J1 + (1 - mu) J2."""
+    source, drive, extra = s.Step(height=2.0, offset=1.0, start_time=0.5), r.Torque(), r.BearingFriction(tau_c=0.1)
+    first, link, second = r.Inertia(J=0.5), LoadDependentFriction(tau_c=0.2, mu=0.3), r.Inertia(J=0.8)
+    model = joined(
+        (source.y, drive.tau),
+        (drive.flange, second.flange_b),
+        (second.flange_a, link.flange_b),
+        (link.flange_a, first.flange_b),
+        (first.flange_a, extra.flange_b),
+        (extra.flange_a, (ground := r.Fixed()).flange),
+        source=source,
+        drive=drive,
+        extra=extra,
+        first=first,
+        link=link,
+        second=second,
+        ground=ground,
+    )
+    found = run(model, 1.0, start={"first.phi": 0.0, "first.w": 1.0}, method=method, step=0.01)
+    slow, fast = ((torque * 0.7 - 0.2 - 0.1) / (0.5 + 0.7 * 0.8) for torque in (1.0, 3.0))
+    expected = 1.0 + slow * np.minimum(found.time, 0.5) + fast * np.maximum(found.time - 0.5, 0.0)
+    # a sixth of the step of 10 ms before the jump sees what comes after it, with the friction from before
+    jump = 0.0101 / 6 * 2.0 / (0.5 + 0.8)
+    np.testing.assert_allclose(found["first.w"], expected, atol=jump if method == "rk4" else 1e-8)
+
+
+def test_a_lossy_gear_goes_with_friction_elsewhere_that_grows_with_its_load():
+    """Each takes its share of what reaches it."""
+    drive, load = r.Torque(), LoadDependentFriction(mu=0.25)
+    gear, wheel = LossyGear(loss_table=((0.0, 0.8, 0.8, 0.0, 0.0),), ratio=4.0), r.Inertia(J=2.0)
+    source, rotor = s.Constant(k=3.0), r.Inertia(J=0.1)
+    model = joined(
+        (source.y, drive.tau),
+        (drive.flange, rotor.flange_a),
+        (rotor.flange_b, gear.flange_a),
+        (gear.flange_b, load.flange_b),
+        (load.flange_a, wheel.flange_a),
+        source=source,
+        drive=drive,
+        rotor=rotor,
+        gear=gear,
+        load=load,
+        wheel=wheel,
+    )
+    found = run(model, 1.0, start={"wheel.phi": 0.0, "wheel.w": 1.0})
+    # 4 * 0.8 of the torque behind the rotor reach the second friction, 0.75 of that the wheel
+    share = 4 * 0.8 * 0.75
+    speed = 1.0 + found.time * share * 3.0 / (2.0 + share * 4 * 0.1)
+    np.testing.assert_allclose(found["wheel.w"], speed, atol=1e-7)
 
 
 def test_nothing_of_a_jump_passes_a_sensor_that_lags_at_once_and_on_average_it_comes_late_by_the_delay():
