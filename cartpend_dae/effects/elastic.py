@@ -109,7 +109,7 @@ def elastic_cards() -> tuple[Card, ...]:
             summary="drag of a cable or hose, a spring with memory",
             insertion="parallel",
             components={T: translational_loads.CableDrag},
-            parameters=(level("c"), shape("s_0", (0.0,)), level("f_c"), shape("s_s", (0.02,))),
+            parameters=(level("c"), size("f_0"), level("f_c"), shape("s_s", (0.02,))),
             dissipative=False,
             nested_in=(),
             equivalent_to={"linear_stiffness": "its spring alone, at ease in the middle"},

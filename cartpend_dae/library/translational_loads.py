@@ -102,11 +102,14 @@ class RailUnevenness(Compliant):
 
 
 class CableDrag(CompliantWithSpeed):
-    """Drag of a cable or hose, f = c (s_rel - s_0) + f_c z, der(z) = (v - |v| z)/max(s_s, |v| T_0), v = v_rel."""
+    """Drag of a cable or hose, f = c s_rel - f_0 + f_c z, der(z) = (v - |v| z)/max(s_s, |v| T_0), v = v_rel.
+
+    Its spring is at ease where s_rel = f_0/c.
+    """
 
     z = var(unit="1", doc="state of the memory, between -1 and 1")
     c: Param = param(unit="N/m", default=0.0, min=0, doc="stiffness of the cable")
-    s_0: Param = param(unit="m", default=0.0, doc="where the cable is at ease")
+    f_0: Param = param(unit="N", default=0.0, doc="preload of its spring, towards larger s_rel")
     f_c: Param = param(unit="N", default=0.0, min=0, doc="half the height of the loop")
     s_s: Param = param(unit="m", default=0.02, min=0, doc="way after a reversal until the other branch is reached")
     T_0: Param = param(unit="s", default=SHORTEST, min=0, doc="shortest time of change", is_shortest_time=True)
@@ -114,4 +117,4 @@ class CableDrag(CompliantWithSpeed):
     def equations(self) -> Statements:
         yield from super().equations()
         yield der(self.z) == presliding_rate(self.z, self.v_rel, self.s_s, self.T_0)
-        yield self.f == self.c * (self.s_rel - self.s_0) + self.f_c * self.z
+        yield self.f == self.c * self.s_rel - self.f_0 + self.f_c * self.z
