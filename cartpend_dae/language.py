@@ -150,8 +150,7 @@ def dry_friction(
     speed
         Relative speed [m/s or rad/s].
     level
-        Force or torque while sliding forward [N or N.m], not negative; it may depend on the speed, and on a load that
-        friction itself changes, as that of gears: both hold at the same instant.
+        Force or torque while sliding forward [N or N.m], not negative; it may depend on the speed.
     level_neg
         Its magnitude while sliding backward; equal to `level` if left out.
     static, static_neg

@@ -6,7 +6,7 @@ their unknowns are solved here, symbolically; of the others few unknowns remain,
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -61,25 +61,21 @@ def sort(indexed: IndexedSystem) -> System:
         ca.vertcat(unknowns[list(named), 0], given),
         ca.vertcat(*[value for _, _, value in named.values()], values),
     )
+    made = tuple(_renamed(block, {labels[j]: name for j, (name, _, _) in named.items()}) for block in made)
     ode = [table[base, lower + 1] for base, lower in state_keys]
     outputs = relation_values([(relation, 0) for relation in aliased.relations], aliased.keys, aliased.symbols)
     friction = aliased.frictions
-    loads = _loads(aliased, indexed.unknowns, unknowns, labels, solved)
-    renamed = {labels[j]: name for j, (name, _, _) in named.items()}
-    own = (Block((load.name,), (load.origin,), "nonlinear", (load.name,), (load.origin,)) for load in loads)
-    made = (*(_renamed(block, renamed) for block in made), *own)
     groups = [
         _stack(ode),
         _stack([aliased.residual[i] for i, _ in nonlinear]),
         outputs,
         aliased.initials.residual,
         indexed.invariants,
+        *friction.laws,
         *aliased.hybrid.laws,
-        _stack([load.unknown for load in loads]),
     ]
-    done = _back_substitute(solved, groups) + _back_substitute(_held(solved, loads), friction.laws)
-    done[1] = ca.vertcat(done[1], _stack([load.held for load in loads]) - done.pop(-6))
-    (ode_x, alg, out, initials, invariants, *laws), parameters = _without_dependent_parameters(aliased, done)
+    done, parameters = _without_dependent_parameters(aliased, _back_substitute(solved, groups))
+    ode_x, alg, out, initials, invariants, *laws = done
     x = _stack([table[key] for key in state_keys])
     states = tuple(names[key] for key in state_keys)
     input_names = tuple(aliased.flat.variables[i].name for i in aliased.flat.inputs)
@@ -92,15 +88,15 @@ def sort(indexed: IndexedSystem) -> System:
         states=states,
         x=x,
         ode=_drawn_back(ode_x, invariants, x),
-        algebraics=(*(named[j][0] if j in named else labels[j] for _, j in nonlinear), *(load.name for load in loads)),
-        z=_stack([named[j][1] if j in named else unknowns[j] for _, j in nonlinear] + [load.symbol for load in loads]),
+        algebraics=tuple(named[j][0] if j in named else labels[j] for _, j in nonlinear),
+        z=_stack([named[j][1] if j in named else unknowns[j] for _, j in nonlinear]),
         alg=alg,
         inputs=input_names,
         u=inputs,
         parameters=tuple(aliased.flat.parameters[i] for i in parameters),
         p=aliased.flat.parameter_symbols[parameters, 0],
-        frictions=friction.with_laws(laws[-5:]),
-        hybrid=aliased.hybrid.with_laws(laws[:-5]),
+        frictions=friction.with_laws(laws[:5]),
+        hybrid=aliased.hybrid.with_laws(laws[5:]),
         d=_known(aliased, table, aliased.hybrid.discretes),
         variables=aliased.flat.variables,
         outputs=out,
@@ -177,56 +173,6 @@ def _named(
         symbol = ca.SX.sym(variable.name)
         found[j] = variable.name, symbol, (symbol - symbolic(relation.offset)) / symbolic(relation.factor)
     return found
-
-
-@dataclass(frozen=True, slots=True)
-class _Load:
-    """An unknown, solved as number `position`, that a level of dry friction follows and the forces of friction change.
-
-    In the levels it stays: as `held`, the unknown written in the symbol of an algebraic variable with a name. `origin`
-    is the first such friction.
-    """
-
-    position: int
-    origin: str
-    unknown: ca.SX
-    name: str
-    symbol: ca.SX
-    held: ca.SX
-
-
-def _loads(
-    aliased: AliasedSystem, keys: tuple[Key, ...], unknowns: ca.SX, labels: list[str], solved: tuple[ca.SX, ca.SX]
-) -> list[_Load]:
-    """Find the unknowns that would let a level of sliding depend on friction at the same instant, explicitly.
-
-    Static levels may: they are compared with forces that are known by then.
-    """
-    force, symbols = aliased.frictions.force, solved[0]
-    levels = ca.vertcat(aliased.frictions.level_pos, aliased.frictions.level_neg)
-    entries = zip(*ca.jacobian_sparsity(levels, symbols).get_triplet(), strict=True) if symbols.numel() else ()
-    frictions = {k: row % force.numel() for row, k in sorted(entries, reverse=True)}
-    positions = sorted(frictions)
-    values = _back_substitute(solved, [symbols[k] for k in positions])
-    positions = [k for k, value in zip(positions, values, strict=True) if ca.depends_on(value, force)]
-    numbers = {unknown.element_hash(): j for j, unknown in enumerate(ca.vertsplit(unknowns))}
-    wanted = [numbers[symbols[k].element_hash()] for k in positions]
-    named = _named(aliased, keys, wanted, labels)
-    found = []
-    for k, j in zip(positions, wanted, strict=True):
-        plain = ca.SX.sym(labels[j])
-        origin = f"{aliased.frictions.places[frictions[k]]}: dry friction"
-        found.append(_Load(k, origin, unknowns[j], *named.get(j, (labels[j], plain, plain))))
-    return found
-
-
-def _held(solved: tuple[ca.SX, ca.SX], loads: list[_Load]) -> tuple[ca.SX, ca.SX]:
-    """Return what was solved, with the loads of friction as they are held."""
-    symbols, values = solved
-    held = ca.SX(values)
-    for load in loads:
-        held[load.position] = load.held
-    return symbols, held
 
 
 def _renamed(block: Block, names: dict[str, str]) -> Block:

@@ -21,8 +21,7 @@ from cartpend_dae.system import System
 # longest step in units of the shortest time in which a component may change
 LONGEST = 2.0
 NEWTON = 3  # from the last step's values each step squares the error, so that three leave rounding only
-# friction that grows with a load it changes itself: a round leaves the coefficient of friction of the error, or less
-ROUNDS = 3
+ROUNDS = 2  # where friction changes a load it follows, each round leaves less than its coefficient of the error
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,9 +80,13 @@ def _part_function(system: System, substeps: int) -> ca.Function:
     if not ca.depends_on(system.alg, system.frictions.force):  # what holds a friction may follow the inputs at once
         z = solve(t_k + dt / 2, x, z, u_1, p_step, ca.SX.zeros(system.frictions.force.numel()))
     force = hold(t_k, dt, x, z, u_1, p_step)
-    for _ in range(_rounds(system)):
-        z = solve(t_k + dt / 2, x, z, u_1, p_step, force)
-        force = hold(t_k, dt, x, z, u_1, p_step)
+    own, lags = ca.SX(x), shortest_lags(system)
+    for _ in range(ROUNDS if lags else 0):
+        rates = rate(t_k, x, z, u_1, p_step, force)
+        for i, parameter in lags:
+            own[i] = x[i] + ca.fmin(p_step[parameter], dt) * rates[i]
+        force = hold(t_k, dt, own, z, u_1, p_step)
+    x = own
     slopes = []
     for share, u in ((0.0, u_0), (0.5, u_1), (0.5, u_1), (1.0, u_2)):
         at = x + share * dt * slopes[-1] if slopes else x
@@ -93,16 +96,25 @@ def _part_function(system: System, substeps: int) -> ca.Function:
     return ca.Function("part", [k, t, h, state, u_a, u_b, p], [ca.vertcat(x, z)], {"cse": True})
 
 
-def _rounds(system: System) -> int:
-    """Return how often friction and what it follows are found in turn: more than never where each changes the other."""
-    f = system.frictions
-    follows = bool(f.places) and ca.depends_on(ca.vertcat(f.level_pos, f.level_neg), system.z)
-    return ROUNDS if follows and ca.depends_on(system.alg, f.force) else 0
-
-
 def shortest_times(system: System) -> tuple[int, ...]:
     """Return the parameters that are shortest times in which a component changes, by their indices."""
     return tuple(i for i, q in enumerate(system.parameters) if q.declaration.is_shortest_time)
+
+
+def shortest_lags(system: System) -> tuple[tuple[int, int], ...]:
+    """Return the states that follow something with a shortest time as their lag, each with this parameter.
+
+    Their rate is (load - state)/lag. On steps that are longer they are at their load when friction is found from them:
+    else friction that follows a load would come late by a step and a half.
+    """
+    slopes = ca.diag(ca.jacobian(system.ode, system.x))
+    found = []
+    for parameter in shortest_times(system):
+        for state in range(system.x.numel()):
+            own = ca.simplify(slopes[state] * system.p[parameter])
+            if own.is_constant() and float(own) == -1.0:
+                found.append((state, parameter))
+    return tuple(found)
 
 
 def _followed(system: System, p: ca.SX, dt: ca.SX) -> ca.SX:
@@ -127,9 +139,6 @@ def _measure_functions(system: System, substeps: int) -> tuple[ca.Function, ca.F
     else:
         held = hold(s.time, h / substeps, x, z, s.u, s.p)
         z_now = solve(s.time, x, z, s.u, s.p, held)
-        for _ in range(_rounds(s)):
-            held = hold(s.time, h / substeps, x, z_now, s.u, s.p)
-            z_now = solve(s.time, x, z_now, s.u, s.p, held)
     outputs = ca.Function("outputs", [s.time, s.x, s.z, s.u, s.p, force], [s.outputs])
     value = outputs(s.time, x, z_now, s.u, s.p, held)
     arguments = [s.time, h, ca.vertcat(x, z), s.u, s.p]

@@ -35,7 +35,7 @@ def test_a_gear_loses_the_same_share_of_what_drives_it_either_way(torque, passed
 
 
 @pytest.mark.parametrize("method", ["adaptive", "rk4"])
-def test_friction_that_grows_with_a_load_it_changes_holds_with_it_at_the_same_instant(method):
+def test_friction_that_grows_with_a_load_it_changes_follows_it_on_short_steps_and_on_long_ones(method):
     """Of the torque T on the second of two wheels with friction between, T(1 - mu) - tau_c moves J1 + (1 - mu) J2."""
     source, drive, extra = s.Step(height=2.0, offset=1.0, start_time=0.5), r.Torque(), r.BearingFriction(tau_c=0.1)
     first, link, second = r.Inertia(J=0.5), LoadDependentFriction(tau_c=0.2, mu=0.3), r.Inertia(J=0.8)
@@ -57,9 +57,10 @@ def test_friction_that_grows_with_a_load_it_changes_holds_with_it_at_the_same_in
     found = run(model, 1.0, start={"first.phi": 0.0, "first.w": 1.0}, method=method, step=0.01)
     slow, fast = ((torque * 0.7 - 0.2 - 0.1) / (0.5 + 0.7 * 0.8) for torque in (1.0, 3.0))
     expected = 1.0 + slow * np.minimum(found.time, 0.5) + fast * np.maximum(found.time - 0.5, 0.0)
+    late = 0.3 * 1.3 * 5e-4 / (0.5 + 0.7 * 0.8)  # mu, how much more load, by the lag, over the inertia
     # a sixth of the step of 10 ms before the jump sees what comes after it, with the friction from before
-    jump = 0.0101 / 6 * 2.0 / (0.5 + 0.8)
-    np.testing.assert_allclose(found["first.w"], expected, atol=jump if method == "rk4" else 1e-8)
+    jump = 0.01 / 6 * 2.0 / (0.5 + 0.8)
+    np.testing.assert_allclose(found["first.w"], expected, atol=late + (jump if method == "rk4" else 1e-8))
 
 
 def test_a_lossy_gear_goes_with_friction_elsewhere_that_grows_with_its_load():
@@ -84,7 +85,7 @@ def test_a_lossy_gear_goes_with_friction_elsewhere_that_grows_with_its_load():
     # 4 * 0.8 of the torque behind the rotor reach the second friction, 0.75 of that the wheel
     share = 4 * 0.8 * 0.75
     speed = 1.0 + found.time * share * 3.0 / (2.0 + share * 4 * 0.1)
-    np.testing.assert_allclose(found["wheel.w"], speed, atol=1e-7)
+    np.testing.assert_allclose(found["wheel.w"], speed, atol=1e-4)  # its load has a lag of 0.5 ms at the start
 
 
 def test_nothing_of_a_jump_passes_a_sensor_that_lags_at_once_and_on_average_it_comes_late_by_the_delay():

@@ -101,21 +101,24 @@ class Backlash(Link):
 class LoadDependentFriction(Component):
     """Friction against ground that grows with the load, tau = (tau_c + mu |y|) sgn w, with exact sticking.
 
-    y is the torque at flange b, where the load comes from; where inertias tell, friction itself changes it.
+    y follows the torque that passes from flange b to flange a with the lag T_f, so that friction does not depend on
+    itself at the same instant.
     """
 
     flange_a = port(Flange, doc="one shaft end")
     flange_b = port(Flange, doc="the other shaft end")
     w = var(unit="rad/s", doc="speed against ground")
     tau = var(unit="N.m", doc="friction torque, opposes w")
-    y = var(unit="N.m", doc="load")
+    y = var(unit="N.m", doc="load, smoothed")
     tau_c: Param = param(unit="N.m", default=0.0, min=0, doc="Coulomb level without load")
     mu: Param = param(unit="1", default=0.0, min=0, max=1, doc="friction per load")
+    T_f: Param = param(unit="s", default=SHORTEST, min=0, doc="lag of the load", is_shortest_time=True)
 
     def equations(self) -> Statements:
         yield self.flange_a.phi == self.flange_b.phi
         yield self.w == der(self.flange_a.phi)
-        yield self.y == self.flange_b.tau
+        yield self.T_f * der(self.y) == self.flange_b.tau - self.y
+        yield initial(self.y == self.flange_b.tau, fixed=False)
         yield self.tau == dry_friction(self.w, self.tau_c + self.mu * ca.fabs(self.y))
         yield self.flange_a.tau + self.flange_b.tau == self.tau
 
@@ -124,20 +127,23 @@ class GearLoss(Component):
     """Gear with the efficiency 1 - e in both directions of power, tau = e |y| sgn w or e/(1 - e) |y| sgn w.
 
     The first holds where the power enters at flange b, the second where it leaves there: lost is the share e of the
-    torque that drives.
+    torque that drives. y follows the torque at flange b with the lag T_f, so that the loss does not depend on itself at
+    the same instant.
     """
 
     flange_a = port(Flange, doc="one shaft end")
     flange_b = port(Flange, doc="the other shaft end")
     w = var(unit="rad/s", doc="speed")
     tau = var(unit="N.m", doc="lost torque, opposes w")
-    y = var(unit="N.m", doc="torque at flange b")
+    y = var(unit="N.m", doc="torque that is passed on, smoothed")
     e: Param = param(unit="1", default=0.0, min=0, max=0.99, doc="share that is lost")
+    T_f: Param = param(unit="s", default=SHORTEST, min=0, doc="lag of y", is_shortest_time=True)
 
     def equations(self) -> Statements:
         yield self.flange_a.phi == self.flange_b.phi
         yield self.w == der(self.flange_a.phi)
-        yield self.y == self.flange_b.tau
+        yield self.T_f * der(self.y) == self.flange_b.tau - self.y
+        yield initial(self.y == self.flange_b.tau, fixed=False)
         driving = ca.if_else(self.y * self.w > 0, 1, 1 / (1 - self.e))
         yield self.tau == dry_friction(self.w, self.e * driving * ca.fabs(self.y))
         yield self.flange_a.tau + self.flange_b.tau == self.tau

@@ -6,7 +6,7 @@ motion sticks, `dry_friction` says so.
 
 import casadi as ca
 
-from cartpend_dae.language import Param, Statements, der, dry_friction, param, signal, var
+from cartpend_dae.language import Param, Statements, der, dry_friction, initial, param, signal, var
 from cartpend_dae.library.laws import (
     SHORTEST,
     beyond,
@@ -83,16 +83,23 @@ class PositionDependentFriction(CompliantWithSpeed):
 
 
 class RadialLoadFriction(CompliantWithSpeed):
-    """Friction of a bearing under the force N, tau = (tau_c + r_f |N| + r_2 N^2) sgn w_rel, with exact sticking."""
+    """Friction of a bearing that carries the force N, tau = (tau_c + r_f |y| + r_2 y^2) sgn w_rel, with exact sticking.
+
+    y follows N with the lag T_f, so that friction does not depend on itself at the same instant.
+    """
 
     N = signal("in", unit="N", doc="force that the bearing carries")
+    y = var(unit="N", doc="force that the bearing carries, smoothed")
     tau_c: Param = param(unit="N.m", default=0.0, min=0, doc="Coulomb level without load")
     r_f: Param = param(unit="m", default=0.0, min=0, doc="radius of the journal times its coefficient of friction")
     r_2: Param = param(unit="m/N", default=0.0, min=0, doc="growth of that product with the force")
+    T_f: Param = param(unit="s", default=SHORTEST, min=0, doc="lag of the load", is_shortest_time=True)
 
     def equations(self) -> Statements:
         yield from super().equations()
-        level = self.tau_c + self.r_f * ca.fabs(self.N) + self.r_2 * self.N**2
+        yield self.T_f * der(self.y) == self.N - self.y
+        yield initial(self.y == self.N, fixed=False)
+        level = self.tau_c + self.r_f * ca.fabs(self.y) + self.r_2 * self.y**2
         yield self.tau == dry_friction(self.w_rel, level)
 
 

@@ -101,21 +101,24 @@ class Backlash(Link):
 class LoadDependentFriction(Component):
     """Friction against ground that grows with the load, f = (f_c + mu |y|) sgn v, with exact sticking.
 
-    y is the force at flange b, where the load comes from; where masses tell, friction itself changes it.
+    y follows the force that passes from flange b to flange a with the lag T_f, so that friction does not depend on
+    itself at the same instant.
     """
 
     flange_a = port(Flange, doc="one point")
     flange_b = port(Flange, doc="the other point")
     v = var(unit="m/s", doc="speed against ground")
     f = var(unit="N", doc="friction force, opposes v")
-    y = var(unit="N", doc="load")
+    y = var(unit="N", doc="load, smoothed")
     f_c: Param = param(unit="N", default=0.0, min=0, doc="Coulomb level without load")
     mu: Param = param(unit="1", default=0.0, min=0, max=1, doc="friction per load")
+    T_f: Param = param(unit="s", default=SHORTEST, min=0, doc="lag of the load", is_shortest_time=True)
 
     def equations(self) -> Statements:
         yield self.flange_a.s == self.flange_b.s
         yield self.v == der(self.flange_a.s)
-        yield self.y == self.flange_b.f
+        yield self.T_f * der(self.y) == self.flange_b.f - self.y
+        yield initial(self.y == self.flange_b.f, fixed=False)
         yield self.f == dry_friction(self.v, self.f_c + self.mu * ca.fabs(self.y))
         yield self.flange_a.f + self.flange_b.f == self.f
 
@@ -124,18 +127,21 @@ class ChainTensionFriction(Link):
     """Chain that sags, q = h f_p atan(y/f_p), der(der(y)) = w_c^2 (f - y) - 2 D w_c der(y), with friction at flange b.
 
     It gives way by h under small forces and less under large ones, which pull it straight; f_p is its pre-tension.
-    Bearings under the tension f_p + |f| add the friction e (f_p + |f|) sgn v against ground, with exact sticking.
+    Bearings under the tension f_p + |z| add the friction e (f_p + |z|) sgn v against ground, with exact sticking; z
+    follows f with the lag T_f, so that friction does not depend on itself at the same instant.
     """
 
     v = var(unit="m/s", doc="speed of flange b against ground")
     f_f = var(unit="N", doc="friction force, opposes v")
     y = var(unit="N", doc="force in the chain, smoothed")
     yd = var(unit="N/s", doc="derivative of y")
+    z = var(unit="N", doc="force in the chain, with the lag T_f")
     h: Param = param(unit="m/N", default=0.0, min=0, doc="compliance at small forces")
     e: Param = param(unit="1", default=0.0, min=0, max=1, doc="friction per tension")
     f_p: Param = param(unit="N", default=50.0, min=0, doc="pre-tension")
     w_c: Param = param(unit="rad/s", default=200.0, min=0, doc="cut-off, above which it is rigid")
     D: Param = param(unit="1", default=0.2, min=0, doc="damping ratio at w_c")
+    T_f: Param = param(unit="s", default=SHORTEST, min=0, doc="lag of the tension", is_shortest_time=True)
 
     def equations(self) -> Statements:
         yield self.flange_b.s == self.flange_a.s + self.q
@@ -145,5 +151,7 @@ class ChainTensionFriction(Link):
         yield self.yd == der(self.y)
         yield initial(self.y == 0, fixed=False)
         yield der(self.yd) == self.w_c * (self.w_c * (self.f - self.y) - 2 * self.D * self.yd)
+        yield self.T_f * der(self.z) == self.f - self.z
+        yield initial(self.z == self.f, fixed=False)
         yield self.v == der(self.flange_b.s)
-        yield self.f_f == dry_friction(self.v, self.e * (self.f_p + ca.fabs(self.f)))
+        yield self.f_f == dry_friction(self.v, self.e * (self.f_p + ca.fabs(self.z)))
