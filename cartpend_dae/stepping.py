@@ -21,7 +21,7 @@ from cartpend_dae.system import System
 # longest step in units of the shortest time in which a component may change
 LONGEST = 2.0
 NEWTON = 3  # from the last step's values each step squares the error, so that three leave rounding only
-ROUNDS = 2  # where friction changes a load it follows, each round leaves less than its coefficient of the error
+ROUNDS = 3  # where friction changes a load it follows, each round leaves less than its coefficient of the error
 
 
 @dataclass(frozen=True, slots=True)
