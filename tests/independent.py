@@ -23,6 +23,7 @@ def pendulum(
     angle: float,
     viscous: float,
     coulomb: float,
+    quadratic: float = 0.0,
     speed: float = 0.0,
     mass: float = 0.1719,
     length: float = 0.86,
@@ -39,8 +40,8 @@ def pendulum(
         Length of the run [s].
     angle, speed
         Start [rad, rad/s].
-    viscous, coulomb
-        Friction of the bearing [N.m.s/rad, N.m].
+    viscous, coulomb, quadratic
+        Friction of the bearing [N.m.s/rad, N.m, N.m.s2/rad2].
     mass, length, gravity
         The rod [kg, m] and gravity [m/s2].
     noise
@@ -49,9 +50,14 @@ def pendulum(
         Step of the integration [s].
     """
     inertia = mass * length**2 / 3
-    weight, damping = mass * gravity * length / 2 / inertia, viscous / inertia
+    weight, damping, drag = mass * gravity * length / 2 / inertia, viscous / inertia, quadratic / inertia
     times, angles = _slide(
-        lambda phi, w: -weight * math.sin(phi) - damping * w, coulomb / inertia, angle, speed, duration, step
+        lambda phi, w: -weight * math.sin(phi) - damping * w - drag * abs(w) * w,
+        coulomb / inertia,
+        angle,
+        speed,
+        duration,
+        step,
     )
     return times, _noisy(angles, noise, generator)
 

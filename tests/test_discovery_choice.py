@@ -268,8 +268,8 @@ def test_ten_more_are_fitted_where_the_first_ten_explain_little(monkeypatch, ben
 
     monkeypatch.setattr(trials, "_screened_where_it_shows", lambda *a: (0.0, screened))
     monkeypatch.setattr(trials, "_first_fits", first_fits)
-    monkeypatch.setattr(trials, "_as_well", lambda first, others: [])
-    monkeypatch.setattr(trials, "_is_simple", lambda c: False)
+    monkeypatch.setattr(trials, "as_well", lambda first, others: [])
+    monkeypatch.setattr(trials, "is_simple", lambda c: False)
     monkeypatch.setattr(trials, "_judged", lambda bench, base, rules, few: [replace(c, fit=None) for c in few])
     base, rules = Base((), {0.0: before}, before.chi2), Rules("noise", (0.0,), 0.0, np.array([1e-3]))
     first_leave = 500.0

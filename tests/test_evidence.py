@@ -55,7 +55,7 @@ def test_predictions_are_compared_where_an_observer_forgets_within_their_horizon
 def test_an_effect_in_series_that_contains_another_one_is_known():
     def is_composite(name):
         (card,) = (card for card in catalogue() if card.id == name)
-        return disturbed.is_composite(SimpleNamespace(insertion=SimpleNamespace(card=card)))
+        return disturbed.is_composite(SimpleNamespace(card=card))
 
     assert is_composite("chain_tension_friction")
     assert not any(map(is_composite, ("compliance", "backlash", "gear_loss", "asymmetric_friction")))

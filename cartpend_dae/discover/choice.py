@@ -56,7 +56,7 @@ def ordered_by_bic(bench: Workbench, judged: list[Candidate], base: Base, rules:
     best = good[0]
     assert best.fit is not None
     alike = [c for c in good if best.gain - c.gain < _margin(c, best) or _is_shapeless(c, judged, base)]
-    alike = [c for c in alike if not is_composite(c)] or alike
+    alike = [c for c in alike if not is_composite(c.insertion)] or alike
     fewest = min(determined(c.fit) for c in alike)
     first = _likeliest(bench, _plainest([c for c in alike if determined(c.fit) == fewest]), base, rules)
     others = [replace(c, why_not=c.why_not or second(c, first)) for c in judged if c is not first]
@@ -96,7 +96,7 @@ def _does_several_at_once(candidate: Candidate) -> bool:
 
     It would soak up a part of what is missing elsewhere, as friction that lies where a chain gives way.
     """
-    return candidate.fit is not None and residuals(candidate.fit).is_passed and is_composite(candidate)
+    return candidate.fit is not None and residuals(candidate.fit).is_passed and is_composite(candidate.insertion)
 
 
 def _plainest(tied: list[Candidate]) -> list[Candidate]:

@@ -12,11 +12,11 @@ import numpy as np
 
 from cartpend_dae.discover.attempts import kept
 from cartpend_dae.discover.bases import base_of, fit_base
-from cartpend_dae.discover.choice import are_parallel, contains, step_of
+from cartpend_dae.discover.choice import ALIKE, NEAR, are_parallel, contains, step_of
 from cartpend_dae.discover.disturbed import is_composite
 from cartpend_dae.discover.evidence import bic
 from cartpend_dae.discover.gate import is_noise_alone, residuals
-from cartpend_dae.discover.nested import as_plain
+from cartpend_dae.discover.nested import as_plain, shared
 from cartpend_dae.discover.records import Candidate, Step
 from cartpend_dae.discover.screen import is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
@@ -76,15 +76,11 @@ def couple(
     """
     best = next((c for c in ranked[:1] if c.fit is not None and not c.why_not), None)
     if best is not None and best.fit is not None:
-        is_alone = is_noise_alone(best.fit)
-        if not is_composite(best) and (is_alone or is_left_to_shape(base.bare, best.fit)):
-            return None
-        best = best if is_alone else None
-    few = promising(ranked)
-    if best is not None:  # it does several things at once: two effects may do so with no more parameters
-        few = [pair for pair in few if pair.n_parameters <= len(best.insertion.parameter_names)]
-        return _whole(bench, base, rules, few, ranked, stage)
-    made = _whole(bench, base, rules, few, ranked, stage)
+        is_left = not is_composite(best.insertion) and is_left_to_shape(base.bare, best.fit)
+        if is_left or is_noise_alone(best.fit):
+            few = _instead(bench, base, rules, options, best, ranked, stage)
+            return _whole(bench, base, rules, few, ranked, stage) if few else None
+    made = _whole(bench, base, rules, promising(ranked), ranked, stage)
     return made or _whole(bench, base, rules, beside(bench, base, rules, options, ranked, stage), ranked, stage)
 
 
@@ -100,8 +96,10 @@ def _whole(
     least = bench.last or min(w for w in rules.stages if w > 0)
     few = _fitted(bench, base, rules, few, (least,), (LATER, ROUGH))[:LAST]
     few = _fitted(bench, base, rules, few, (bench.last,), None)
+    few = [c for c in few if c.fit is not None and is_noise_alone(c.fit)]
+    few += _with_plainer(bench, base, rules, few, ranked)
     best = next((c for c in ranked[:1] if not c.why_not), None)
-    good = [c for c in few if c.fit is not None and is_noise_alone(c.fit) and _is_better(c, best)]
+    good = [c for c in few if _is_better(c, best)]
     for found in sorted(good, key=lambda c: (c.n_parameters, c.fit.chi2 if c.fit else np.inf)):
         made = _made(bench, base, rules, found, ranked)
         if made is not None:
@@ -109,12 +107,61 @@ def _whole(
     return None
 
 
+def _with_plainer(
+    bench: Workbench, base: Base, rules: Rules, couples: list[Couple], ranked: list[Candidate]
+) -> list[Couple]:
+    """Return couples in which a plainer law does as well in the place of one that contains it.
+
+    Beside the other effect it may, though alone it promised nothing.
+    """
+    found: list[Couple] = []
+    for pair in couples[:1]:
+        assert pair.fit is not None
+        able: list[Couple] = []
+        for part, other in ((pair.one, pair.other), (pair.other, pair.one)):
+            rich = replace(part, fit=pair.fit)
+            told = [(c, shared(c.insertion, rich)) for c in ranked if _is_case(c, rich, ranked)]
+            able += [Couple(c, other, pair.predicted, {**pair.fit.point, **values}) for c, values in told if values]
+        able = [c for c in able if c.n_parameters < pair.n_parameters]
+        fitted = _fitted(bench, base, rules, able, (bench.last,), None) if able else []
+        found += [c for c in fitted if c.fit is not None and bic(c.fit) < bic(pair.fit) + NEAR]
+    return [c for c in found if c.fit is not None and is_noise_alone(c.fit)]
+
+
+def _instead(
+    bench: Workbench,
+    base: Base,
+    rules: Rules,
+    options: list[Insertion],
+    best: Candidate,
+    ranked: list[Candidate],
+    stage: float,
+) -> list[Couple]:
+    """Return couples that may explain with no more parameters what the best effect does alone.
+
+    Either it does several things at once, or it is a rich law, and one of the couple is a case of it. Other arguments
+    are those of `couple`.
+    """
+    few = promising(ranked)
+    if not is_composite(best.insertion):
+        cases = [c for c in ranked if c.early is not None and _is_case(c, best, ranked)]
+        few = beside(bench, base, rules, options, cases, stage)
+    return [pair for pair in few if pair.n_parameters <= len(best.insertion.parameter_names)]
+
+
+def _is_case(part: Candidate, rich: Candidate, ranked: list[Candidate]) -> bool:
+    return contains(rich, part, ranked) and part.insertion.prefix != rich.insertion.prefix
+
+
 def _is_better(both: Couple, best: Candidate | None) -> bool:
-    """Return whether two effects explain more than one that does several things at once, or as much more plainly."""
-    if best is None or best.fit is None or both.n_parameters < len(best.insertion.parameter_names):
+    """Return whether two effects explain more than the best one alone, or as much more plainly."""
+    if best is None or best.fit is None:
         return True
     assert both.fit is not None
-    return bic(best.fit) - bic(both.fit) > MIN_BIC_GAIN
+    gain = bic(best.fit) - bic(both.fit)
+    if both.n_parameters < len(best.insertion.parameter_names) and (is_composite(best.insertion) or gain > ALIKE):
+        return True
+    return gain > MIN_BIC_GAIN
 
 
 def simpler(
@@ -157,7 +204,7 @@ def plainer(step: Step, tried: list[Candidate]) -> list[Candidate]:
 
 def promising(ranked: list[Candidate]) -> list[Couple]:
     """Return the couples that promise most, each parameter at its price of BIC; a plain law stands for richer ones."""
-    able = [c for c in ranked if c.response is not None and c.predicted > 0]
+    able = [c for c in ranked if c.response is not None and c.predicted > 0 and not is_composite(c.insertion)]
     able = _plain(able)
     able.sort(key=lambda c: (len(c.insertion.parameter_names), -c.predicted))
     able = [c for k, c in enumerate(able) if not any(are_parallel(c, d, SAME) for d in able[:k])]
@@ -188,7 +235,7 @@ def beside(
     Of effects that are far from small the first order does not tell what others explain beside them. Arguments are
     those of `couple`.
     """
-    able = sorted((c for c in ranked if c.early is not None and not is_composite(c)), key=left_early)
+    able = sorted((c for c in ranked if c.early is not None and not is_composite(c.insertion)), key=left_early)
     strong: list[Candidate] = []
     for c in able:
         cases = [
@@ -197,17 +244,19 @@ def beside(
         first = min(cases, key=lambda d: (len(d.insertion.parameter_names), d.early), default=c)
         if not any(first is d or is_other_law(first, d) for d in strong):
             strong.append(first)
+    most = max((_explains(c, base, stage) for c in strong), default=0.0)
+    strong = [c for c in strong if _explains(c, base, stage) > PLAIN * most]
     found: list[Couple] = []
     for one in strong[:FIRST]:
         taken = (*base.taken, one.insertion)
-        rest = [option for option in options if option.prefix != one.insertion.prefix]
+        rest = [option for option in options if option.prefix != one.insertion.prefix and not is_composite(option)]
         try:
             guess = base.fits[stage].point | one.parameters
             fit = bench.fit(taken, guess, (stage,), rules.sd, patient=False, iterations=EARLY, stride=ROUGH)
             screened = screen(bench, taken, fit.point, rest, stage, rules.sd)
         except (SolverError, ModelError):
             continue
-        able = [c for c in screened if not c.why_not and not is_other_law(c, one) and not is_composite(c)]
+        able = [c for c in screened if not c.why_not and not is_other_law(c, one)]
         others = _plain(able)[:SECOND]
         less = base.fits[stage].chi2 - fit.chi2
         found += [Couple(one, c, less + c.predicted, {**fit.point, **c.parameters}) for c in others]

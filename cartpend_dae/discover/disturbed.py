@@ -278,9 +278,9 @@ def margin_of(gain: float) -> float:
     return max(ALIKE, ALIKE_SHARE * gain)
 
 
-def is_composite(candidate: Candidate) -> bool:
+def is_composite(insertion: Insertion) -> bool:
     """Return whether an effect between two parts contains another one of the catalogue."""
-    card = candidate.insertion.card
+    card = insertion.card
     return card.insertion == "series" and any(card.id in other.nested_in for other in catalogue())
 
 
@@ -294,6 +294,6 @@ def ordered(judged: list[Candidate], second: Callable[[Candidate, Candidate], st
     if not good:
         return found
     alike = [c for c in good if good[0].gain - c.gain < margin_of(good[0].gain)]
-    alike = [c for c in alike if not is_composite(c)] or alike
+    alike = [c for c in alike if not is_composite(c.insertion)] or alike
     first = min(alike, key=lambda c: (determined(c.fit), -c.gain))
     return [first, *(replace(c, why_not=c.why_not or second(c, first)) for c in found if c is not first)]

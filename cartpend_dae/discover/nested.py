@@ -63,13 +63,13 @@ def simplified(fitted: list[Candidate], left: Callable[[Candidate], float]) -> l
         rich = min((c for c in fitted if c.fit is not None and holds(c, plain)), key=left, default=None)
         if rich is None or rich.fit is None or left(plain) < MUCH * left(rich):
             continue
-        values = _shared(plain.insertion, rich)
+        values = shared(plain.insertion, rich)
         if values:
             found.append(replace(plain, parameters={**rich.fit.point, **plain.parameters, **values}, fit=None))
     return found
 
 
-def _shared(insertion: Insertion, rich: Candidate) -> dict[str, float]:
+def shared(insertion: Insertion, rich: Candidate) -> dict[str, float]:
     """Return the parameters of a law that a richer one has too, as fitted there."""
     assert rich.fit is not None
     there = {name.rpartition(".")[2]: rich.fit.values[name] for name in rich.insertion.parameter_names}

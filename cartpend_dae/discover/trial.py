@@ -1,19 +1,19 @@
 """Stage 3: the most promising effects are fitted and judged, and one of them is put first."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from cartpend_dae.discover.attempts import each
-from cartpend_dae.discover.choice import SAME, SHAPE, are_parallel, ordered_by_bic, rounded_first, second
-from cartpend_dae.discover.disturbed import judge, ordered, penalty
+from cartpend_dae.discover.choice import SHAPE, ordered_by_bic, rounded_first, second
+from cartpend_dae.discover.disturbed import is_composite, judge, ordered, penalty
 from cartpend_dae.discover.evidence import bic, coloured_bic
 from cartpend_dae.discover.gate import NOISE_ALONE, is_clean, is_noise_alone, residuals
 from cartpend_dae.discover.nested import holds, own, restarted, simplified
 from cartpend_dae.discover.predicted import trials
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.screen import is_other_law, promise, screen
+from cartpend_dae.discover.shortlist import as_well, at_few_places, best_of_each, is_simple, unlike, with_others
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.effects import Insertion
@@ -29,9 +29,6 @@ FEW, HALF = 5, 0.5
 RIVALS = 3
 # where no effect explains this share of chi2, the injection hides what is missing
 HIDDEN = 0.1
-# as many others are fitted as well where their prediction is behind by less than this share, be it that of the same
-# effect elsewhere: it is made with their shapes as they are at first
-CLOSE = 0.5
 # predictions below this share of the best one are not fitted
 FAINT = 0.03
 # those that leave so many times more than the best one, with the least injection, are not fitted to the end; what the
@@ -66,17 +63,23 @@ def try_in_noise(bench: Workbench, base: Base, rules: Rules, options: list[Inser
     if not base.taken and not any(_shows(c, base.fits[stage]) for c in possible):
         return stage, [replace(c, why_not=_promises_little(c, base.fits[stage])) for c in possible] + rest
     wide = [c for c in possible[:WIDE] if c.predicted > FAINT * possible[0].predicted]
-    wide += _as_well(wide, possible[WIDE:])
-    wide += [c for c in possible if c not in wide and _is_simple(c) and any(holds(other, c) for other in wide)]
+    wide += as_well(wide, possible[WIDE:])
+    wide += [c for c in possible if c not in wide and is_simple(c) and any(holds(other, c) for other in wide)]
+    wide, elsewhere = at_few_places(wide)
     early = _expected_first_fits(bench, base, rules, stage, wide)
+    told = {c.insertion.card.id for c in sorted(early, key=left_early)[:NARROW] if is_composite(c.insertion)}
+    more = [c for c in elsewhere if c.insertion.card.id in told]
+    if more:
+        early += _expected_first_fits(bench, base, rules, stage, more)
     if not any(_explains_most(c, base.fits[stage]) for c in early):
-        later = [c for c in possible if c not in wide and c.predicted > FAINT * possible[0].predicted][:WIDE]
+        others = [c for c in possible if c not in wide and c not in elsewhere]
+        later = [c for c in others if c.predicted > FAINT * possible[0].predicted][:WIDE]
         early += _expected_first_fits(bench, base, rules, stage, later)
         wide += later
-    rest += [replace(c, why_not="others promise more") for c in possible if c not in wide]
+    rest += [replace(c, why_not="others promise more") for c in possible if c not in wide and c not in more]
     rest += [c for c in early if c.why_not]
     ranked = sorted((c for c in early if not c.why_not), key=lambda c: bic(c.fit) if c.fit else np.inf)
-    few = ranked[:MIDDLE] + [c for c in ranked[MIDDLE:] if _is_simple(c)][:NARROW]
+    few = ranked[:MIDDLE] + [c for c in ranked[MIDDLE:] if is_simple(c)][:NARROW]
     rest += [replace(c, fit=None, why_not="others explain more at the first stage") for c in ranked if c not in few]
     judged = _judged(bench, base, rules, few)
     complete = [c for c in judged if c.fit is not None]
@@ -97,28 +100,6 @@ def _explains_most(candidate: Candidate, before: Fit) -> bool:
     """Return whether a candidate leaves little beyond noise of what was left before it, at the stage of that fit."""
     fit = candidate.fit
     return fit is not None and fit.chi2 - fit.n_residuals < MOST * (before.chi2 - fit.n_residuals)
-
-
-def _as_well(first: list[Candidate], others: list[Candidate]) -> list[Candidate]:
-    """Return those whose prediction is near that of the best, or near that of the same effect at its best place."""
-    if not first:
-        return []
-    best: dict[str, float] = {}
-    for candidate in first:
-        best.setdefault(candidate.insertion.card.id, candidate.predicted)
-    most = first[0].predicted
-    near = [c for c in others if c.predicted > (1 - CLOSE) * min(best.get(c.insertion.card.id, most), most)]
-    return near[:WIDE]
-
-
-def _unlike(ranked: list[Candidate]) -> list[Candidate]:
-    """Leave out those that move the data as a simpler one before them does."""
-    found: list[Candidate] = []
-    for candidate in ranked:
-        n = len(candidate.insertion.parameter_names)
-        if not any(len(c.insertion.parameter_names) <= n and are_parallel(c, candidate, SAME) for c in found):
-            found.append(candidate)
-    return found
 
 
 def _screened_where_it_shows(
@@ -166,10 +147,6 @@ def _promises_little(candidate: Candidate, fit: Fit) -> str:
     return f"it promises {100 * candidate.predicted / fit.chi2:.1f} % of what is left, and none promises much more"
 
 
-def _is_simple(candidate: Candidate) -> bool:
-    return len(candidate.insertion.parameter_names) == 1
-
-
 def weighed_trials(
     bench: Workbench,
     base: Base,
@@ -189,12 +166,12 @@ def weighed_trials(
     cost = penalty(len(options))
     possible = [c for c in screened if not c.why_not]
     possible.sort(key=lambda c: len(c.insertion.size_names) * cost - c.predicted)
-    few = _unlike([c for c in possible if c.predicted > HALF * cost * len(c.insertion.size_names)])
+    few = unlike([c for c in possible if c.predicted > HALF * cost * len(c.insertion.size_names)])
     few = few[: RIVALS if rivals else FEW]
     few += [c for c in possible if c not in few and c.insertion.prefix in rivals]
     richer_than = [c for c in few if not rivals or c.insertion.prefix in rivals]
     few += [c for c in possible if c not in few and any(holds(c, other) for other in richer_than)]
-    few += [c for c in possible if c not in few and _is_simple(c) and any(holds(other, c) for other in few)]
+    few += [c for c in possible if c not in few and is_simple(c) and any(holds(other, c) for other in few)]
     rest = [c for c in screened if c.why_not]
     rest += [replace(c, why_not="others promise more") for c in possible if c not in few]
     for candidate in few:
@@ -203,30 +180,16 @@ def weighed_trials(
     def judged_at(at: Workbench, candidate: Candidate) -> Candidate:
         return judge(at, base.taken, rules.loads, (fit, weighed), candidate, rules.sd, len(options))
 
-    starts = few if rivals else _with_others(few)
+    starts = few if rivals else with_others(few)
     known = {c.insertion.prefix: c for c in screened}
     told = [replace(known.get(c.insertion.prefix, c), parameters=dict(c.begun), why_not="") for c in pointed if c.begun]
     judged = each(bench, [*starts, *told], judged_at, "last fit")
-    judged = _best_of_each(judged, lambda c: -c.gain)
+    judged = best_of_each(judged, lambda c: -c.gain)
     again = restarted(judged, lambda c: c.gain if c.fit else -np.inf)
     judged += map(own, each(bench, again, judged_at, "last fit"))
-    judged = _best_of_each(judged, lambda c: -c.gain)
+    judged = best_of_each(judged, lambda c: -c.gain)
     found = [c for c in judged if c.fit is not None]
     return rounded_first(ordered(found, second)) + [c for c in judged if c.fit is None] + rest
-
-
-def _with_others(candidates: list[Candidate]) -> list[Candidate]:
-    return [start for candidate in candidates for start in (candidate, *candidate.others)]
-
-
-def _best_of_each(judged: list[Candidate], criterion: Callable[[Candidate], float]) -> list[Candidate]:
-    """Return one candidate of each effect at a place, from the start with which the criterion is smallest."""
-    best: dict[str, Candidate] = {}
-    for candidate in judged:
-        other = best.setdefault(candidate.insertion.prefix, candidate)
-        if candidate.fit is not None and (other.fit is None or criterion(candidate) < criterion(other)):
-            best[candidate.insertion.prefix] = candidate
-    return list(best.values())
 
 
 def _first_fits(bench: Workbench, base: Base, rules: Rules, stage: float, wide: list[Candidate]) -> list[Candidate]:
@@ -238,17 +201,17 @@ def _first_fits(bench: Workbench, base: Base, rules: Rules, stage: float, wide: 
         if enough is not None and count > len(enough.insertion.parameter_names) + 1:
             found += [replace(c, fit=None, why_not=_far_simpler(enough)) for c in these]
             continue
-        starts = _with_others(these)
+        starts = with_others(these)
         new = each(bench, starts, lambda at, candidate: _tried(at, base, rules, stage, candidate), "first fit")
         again = restarted([*found, *new], lambda c: -c.fit.chi2 if c.fit else -np.inf)
         again = [c for c in again if len(c.insertion.parameter_names) == count]
         new += map(own, each(bench, again, lambda at, c: _tried(at, base, rules, stage, c), "first fit"))
-        new = _best_of_each(new, lambda c: c.fit.chi2 if c.fit else np.inf)
+        new = best_of_each(new, lambda c: c.fit.chi2 if c.fit else np.inf)
         found += new
         enough = enough or _enough(bench, base, rules, new)
     again = simplified(found, lambda c: c.fit.chi2 if c.fit else np.inf)
     new = map(own, each(bench, again, lambda at, c: _tried(at, base, rules, stage, c), "first fit"))
-    return _best_of_each([*found, *new], lambda c: c.fit.chi2 if c.fit else np.inf)
+    return best_of_each([*found, *new], lambda c: c.fit.chi2 if c.fit else np.inf)
 
 
 def _enough(bench: Workbench, base: Base, rules: Rules, new: list[Candidate]) -> Candidate | None:
@@ -282,9 +245,9 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate]) ->
     few.sort(key=lambda c: bic(c.fit) if c.fit else np.inf)
     # rough steps may leave the same of all of them: what explained most at the first stage stays
     most = min(few, key=left_early, default=None)
-    near = few[:NARROW] + [c for c in few[NARROW:] if _is_simple(c) or c is most]
+    near = few[:NARROW] + [c for c in few[NARROW:] if is_simple(c) or c is most]
     near = [c for c in near if c.fit and c.fit.chi2 - c.fit.n_residuals <= BEHIND * least]
-    near += [c for c in few if _is_simple(c) and c not in near and any(_may_be_rounded(c, other) for other in near)]
+    near += [c for c in few if is_simple(c) and c not in near and any(_may_be_rounded(c, other) for other in near)]
     found += [replace(c, fit=None, why_not="others explain more at the next stage") for c in few if c not in near]
     few = near
     for count in sorted({len(c.insertion.parameter_names) for c in few}):

@@ -1,0 +1,68 @@
+"""Of candidates that were screened, those that are fitted."""
+
+from collections.abc import Callable
+
+from cartpend_dae.discover.choice import SAME, are_parallel
+from cartpend_dae.discover.disturbed import is_composite
+from cartpend_dae.discover.records import Candidate
+
+# others are fitted as well where their prediction is behind by less than this share, be it that of the same
+# effect elsewhere: it is made with their shapes as they are at first; so many of them
+CLOSE, AS_WELL = 0.5, 10
+# an effect that does several things at once is fitted at so many places at first
+PLACES = 2
+
+
+def is_simple(candidate: Candidate) -> bool:
+    """Return whether an effect has one parameter."""
+    return len(candidate.insertion.parameter_names) == 1
+
+
+def as_well(first: list[Candidate], others: list[Candidate]) -> list[Candidate]:
+    """Return those whose prediction is near that of the best, or near that of the same effect at its best place."""
+    if not first:
+        return []
+    best: dict[str, float] = {}
+    for candidate in first:
+        best.setdefault(candidate.insertion.card.id, candidate.predicted)
+    most = first[0].predicted
+    near = [c for c in others if c.predicted > (1 - CLOSE) * min(best.get(c.insertion.card.id, most), most)]
+    return near[:AS_WELL]
+
+
+def at_few_places(wide: list[Candidate]) -> tuple[list[Candidate], list[Candidate]]:
+    """Return some candidates without effects that do several things at once beyond their best places, and those.
+
+    They take longest to fit, and what they do at another place is of interest only where they explain much.
+    """
+    several: dict[str, list[Candidate]] = {}
+    for candidate in wide:
+        if is_composite(candidate.insertion):
+            several.setdefault(candidate.insertion.card.id, []).append(candidate)
+    later = [c for these in several.values() for c in these[PLACES:]]
+    return [c for c in wide if c not in later], later
+
+
+def unlike(ranked: list[Candidate]) -> list[Candidate]:
+    """Leave out those that move the data as a simpler one before them does."""
+    found: list[Candidate] = []
+    for candidate in ranked:
+        n = len(candidate.insertion.parameter_names)
+        if not any(len(c.insertion.parameter_names) <= n and are_parallel(c, candidate, SAME) for c in found):
+            found.append(candidate)
+    return found
+
+
+def with_others(candidates: list[Candidate]) -> list[Candidate]:
+    """Return candidates from all their starts, one after the other."""
+    return [start for candidate in candidates for start in (candidate, *candidate.others)]
+
+
+def best_of_each(judged: list[Candidate], criterion: Callable[[Candidate], float]) -> list[Candidate]:
+    """Return one candidate of each effect at a place, from the start with which the criterion is smallest."""
+    best: dict[str, Candidate] = {}
+    for candidate in judged:
+        other = best.setdefault(candidate.insertion.prefix, candidate)
+        if candidate.fit is not None and (other.fit is None or criterion(candidate) < criterion(other)):
+            best[candidate.insertion.prefix] = candidate
+    return list(best.values())

@@ -1,0 +1,60 @@
+"""Two plain laws where one rich law leaves noise alone too."""
+
+from dataclasses import replace
+
+import independent
+import numpy as np
+import pytest
+from test_discover_pendulum import COULOMB, VISCOUS, noisy_setup
+
+from cartpend_dae.discover.bases import fit_base, noise_rules
+from cartpend_dae.discover.couple import couple
+from cartpend_dae.discover.gate import is_noise_alone
+from cartpend_dae.discover.records import Candidate
+from cartpend_dae.discover.screen import candidates
+from cartpend_dae.discover.shortlist import PLACES, at_few_places
+from cartpend_dae.discover.trial import try_in_noise
+from cartpend_dae.discover.workbench import Workbench
+from cartpend_dae.effects import catalogue, insertion_at, places
+from models.linear_damp_mod import LinearDampMod
+
+QUADRATIC = 0.001
+
+
+def test_coulomb_friction_and_drag_are_told_from_a_stribeck_curve():
+    run = independent.pendulum(duration=6.0, angle=1.2, viscous=VISCOUS, coulomb=COULOMB, quadratic=QUADRATIC)
+    bench = Workbench(noisy_setup(run, 0))
+    where = places(bench.setup.model, ("bearing.phi",), catalogue())
+    rules = noise_rules(bench, where, 0.0)
+    base = fit_base(bench, (), {}, rules)
+    base = replace(base, bare=base.fit.chi2)
+    options = candidates(catalogue(), where, ())
+    stage, ranked = try_in_noise(bench, base, rules, options)
+    # its curve with four parameters takes up the drag, and nothing but noise is left
+    assert ranked[0].insertion.prefix == "bearing.stribeck_friction"
+    assert ranked[0].fit is not None and is_noise_alone(ranked[0].fit)
+    made = couple(bench, base, rules, options, ranked, stage)
+    assert made is not None
+    after, steps = made
+    named = {step.candidate.insertion.prefix for step in steps}
+    assert named == {"bearing.coulomb_friction", "bearing.quadratic_drag"}
+    found = {e.name.rpartition(".")[2]: e for e in after.fit.parameters}
+    for name, truth in (("tau_c", COULOMB), ("d2", QUADRATIC), ("d", VISCOUS)):
+        assert abs(found[name].value - truth) < 4 * found[name].sd
+
+
+@pytest.fixture
+def wide():
+    def make(effect, at, predicted):
+        insertion = insertion_at(LinearDampMod(), effect, at)
+        return Candidate(insertion, insertion.starts, predicted, 0.0, 0.0, None, "", np.ones(1))
+
+    chains = ("cart.flange_a", "cart.flange_b", "inertial.flange_b", "rail.flange_b")
+    several = [make("chain_tension_friction", at, 9.0 - k) for k, at in enumerate(chains)]
+    return [several[0], make("coulomb_friction", "rail", 8.5), *several[1:], make("compliance", "cart.flange_a", 1.0)]
+
+
+def test_what_does_several_things_at_once_is_fitted_at_its_best_places_first(wide):
+    few, later = at_few_places(wide)
+    assert few == [*wide[: PLACES + 1], wide[-1]]
+    assert [c.insertion.place.at for c in later] == ["inertial.flange_b", "rail.flange_b"]
