@@ -14,11 +14,13 @@ from cartpend_dae.discover.disturbed import ordered
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.nested import PEAK, own, restarted, simplified
 from cartpend_dae.discover.records import Candidate
+from cartpend_dae.discover.screen import candidates, is_other_law
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import FAR, MOST, TOUCH, is_far_from_noise, is_left_to_shape, is_most
 from cartpend_dae.discover.workbench import Workbench
-from cartpend_dae.effects import insertion_at
+from cartpend_dae.effects import catalogue, insertion_at, places
 from cartpend_dae.uncertainty import Estimate
+from models.driven_cart import DrivenCart
 from models.linear_damp_mod import LinearDampMod
 from models.rota_damp import RotaDamp
 
@@ -287,3 +289,29 @@ def test_a_law_contains_another_by_one_in_between_that_was_not_fitted(fitted):
     assert not contains(coulomb, lugre, [lugre, coulomb])
     elsewhere = fitted("coulomb_friction", 5.0, 20.0, LinearDampMod(), "rail")
     assert not contains(lugre, elsewhere, [lugre, elsewhere])
+
+
+def test_an_effect_that_is_there_in_full_is_not_absent(fitted):
+    def ends(**values):
+        at = fitted("saturation", 0.0, 100.0, DrivenCart(), "amplifier.u", **values)
+        estimates = tuple(replace(e, status="at-bound") if e.name.endswith(".e") else e for e in at.fit.parameters)
+        return trials._is_absent(replace(at.fit, parameters=estimates), at.insertion)
+
+    assert ends(e=0.0, u_max=4.0)
+    assert not ends(e=1.0, u_max=4.0)  # all of the command is limited
+    free = fitted("saturation", 0.0, 100.0, DrivenCart(), "amplifier.u", e=0.0, u_max=4.0)
+    assert not trials._is_absent(free.fit, free.insertion)
+
+
+def test_a_rod_that_turns_and_moves_along_joins_no_contacts():
+    where = places(DrivenCart(), ("bearing.phi", "encoder.s", "motor.i"), catalogue())
+    options = {option.prefix: option for option in candidates(catalogue(), where, ())}
+    rail, bearing = options["rail.coulomb_friction"], options["bearing.coulomb_friction"]
+    assert "rod" in rail.place.same_motion and "rod" in bearing.place.same_motion  # its pivot moves, its shaft turns
+    one, other, dahl = (
+        Candidate(option, option.starts, 1.0, 0.0, 0.0, None, "")
+        for option in (rail, bearing, options["rail.dahl_friction"])
+    )
+    assert is_other_law(one, dahl) and not is_other_law(one, other)
+    left = {option.prefix for option in candidates(catalogue(), where, (rail,))}
+    assert "bearing.coulomb_friction" in left and "rail.dahl_friction" not in left

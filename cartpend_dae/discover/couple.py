@@ -32,7 +32,7 @@ WIDE, EARLY, NARROW, LATER, LAST = 10, 8, 4, 12, 2
 FIRST, SECOND = 3, 4
 # a plainer law that promises this share of a richer one stands for it
 PLAIN = 0.5
-# a rough fit that leaves more than so many times noise leaves something else
+# a rough fit that leaves more than so many times noise leaves something else, unless it is white
 LOOSE = 2.0
 # of parallel effects, whose sum is open, there is no couple; and those that are the same here are tried once
 ALIGNED, SAME = 0.999, 1 - 1e-6
@@ -78,10 +78,13 @@ def couple(
     if best is not None and best.fit is not None:
         is_left = not is_composite(best.insertion) and is_left_to_shape(base.bare, best.fit)
         if is_left or is_noise_alone(best.fit):
-            few = _instead(bench, base, rules, options, best, ranked, stage)
-            return _whole(bench, base, rules, few, ranked, stage) if few else None
+            few, lower = _instead(bench, base, rules, options, best, ranked, stage)
+            return _whole(bench, base, rules, few, ranked, lower) if few else None
     made = _whole(bench, base, rules, promising(ranked), ranked, stage)
-    return made or _whole(bench, base, rules, beside(bench, base, rules, options, ranked, stage), ranked, stage)
+    if made is not None:
+        return made
+    few, lower = beside(bench, base, rules, options, ranked, stage)
+    return _whole(bench, base, rules, few, ranked, lower)
 
 
 def _whole(
@@ -92,7 +95,7 @@ def _whole(
         for part in (pair.one, pair.other):
             bench.expect({name: pair.parameters[name] for name in part.insertion.parameter_names})
     few = _fitted(bench, base, rules, few, (stage,), (EARLY, ROUGH))[:NARROW]
-    few = [c for c in few if c.fit is not None and c.fit.chi2 < LOOSE * c.fit.n_residuals]
+    few = [c for c in few if c.fit is not None and _may_leave_noise(c.fit)]
     least = bench.last or min(w for w in rules.stages if w > 0)
     few = _fitted(bench, base, rules, few, (least,), (LATER, ROUGH))[:LAST]
     few = _fitted(bench, base, rules, few, (bench.last,), None)
@@ -105,6 +108,11 @@ def _whole(
         if made is not None:
             return made
     return None
+
+
+def _may_leave_noise(fit: Fit) -> bool:
+    """Return whether a rough fit leaves little or, as strong injection makes the noise itself large, what is white."""
+    return fit.chi2 < LOOSE * fit.n_residuals or not residuals(fit).is_passed
 
 
 def _with_plainer(
@@ -136,17 +144,17 @@ def _instead(
     best: Candidate,
     ranked: list[Candidate],
     stage: float,
-) -> list[Couple]:
-    """Return couples that may explain with no more parameters what the best effect does alone.
+) -> tuple[list[Couple], float]:
+    """Return couples that may explain with no more parameters what the best effect does alone, and a bandwidth.
 
-    Either it does several things at once, or it is a rich law, and one of the couple is a case of it. Other arguments
-    are those of `couple`.
+    Either it does several things at once, or it is a rich law, and one of the couple is a case of it. The rest is as of
+    `beside`.
     """
-    few = promising(ranked)
+    few, lower = promising(ranked), stage
     if not is_composite(best.insertion):
         cases = [c for c in ranked if c.early is not None and _is_case(c, best, ranked)]
-        few = beside(bench, base, rules, options, cases, stage)
-    return [pair for pair in few if pair.n_parameters <= len(best.insertion.parameter_names)]
+        few, lower = beside(bench, base, rules, options, cases, stage)
+    return [pair for pair in few if pair.n_parameters <= len(best.insertion.parameter_names)], lower
 
 
 def _is_case(part: Candidate, rich: Candidate, ranked: list[Candidate]) -> bool:
@@ -229,12 +237,33 @@ def promising(ranked: list[Candidate]) -> list[Couple]:
 
 def beside(
     bench: Workbench, base: Base, rules: Rules, options: list[Insertion], ranked: list[Candidate], stage: float
-) -> list[Couple]:
+) -> tuple[list[Couple], float]:
     """Return couples of an effect as it was fitted and of those that promise most of what it leaves.
 
-    Of effects that are far from small the first order does not tell what others explain beside them. Arguments are
-    those of `couple`.
+    Of effects that are far from small the first order does not tell what others explain beside them. With them is the
+    bandwidth at which they show: that of the stage, or less where its injection hides all that such an effect leaves.
+    Arguments are those of `couple`.
     """
+    found: list[Couple] = []
+    lower = stage
+    for one in _strong(base, ranked, stage):
+        taken = (*base.taken, one.insertion)
+        rest = [option for option in options if option.prefix != one.insertion.prefix and not is_composite(option)]
+        try:
+            at, fit = _shown(bench, base, rules, one, stage)
+            screened = screen(bench, taken, fit.point, rest, at, rules.sd)
+        except (SolverError, ModelError):
+            continue
+        able = [c for c in screened if not c.why_not and not is_other_law(c, one)]
+        others = _plain(able)[:SECOND]
+        less = base.fits[at].chi2 - fit.chi2
+        found += [Couple(one, c, less + c.predicted, {**fit.point, **c.parameters}) for c in others]
+        lower = min(lower, at)
+    return found, lower
+
+
+def _strong(base: Base, ranked: list[Candidate], stage: float) -> list[Candidate]:
+    """Return the effects that explain most as they were fitted, of each contact the plainest law that does."""
     able = sorted((c for c in ranked if c.early is not None and not is_composite(c.insertion)), key=left_early)
     strong: list[Candidate] = []
     for c in able:
@@ -245,22 +274,22 @@ def beside(
         if not any(first is d or is_other_law(first, d) for d in strong):
             strong.append(first)
     most = max((_explains(c, base, stage) for c in strong), default=0.0)
-    strong = [c for c in strong if _explains(c, base, stage) > PLAIN * most]
-    found: list[Couple] = []
-    for one in strong[:FIRST]:
+    return [c for c in strong if _explains(c, base, stage) > PLAIN * most][:FIRST]
+
+
+def _shown(bench: Workbench, base: Base, rules: Rules, one: Candidate, stage: float) -> tuple[float, Fit]:
+    """Return a rough fit with an effect at the first of the lower stages at which it leaves more than noise, and that.
+
+    It is that of the last one where nothing shows.
+    """
+    lower = sorted((w for w in base.fits if 0 < w < stage), reverse=True)
+    at, guess = stage, base.fits[stage].point | one.parameters
+    while True:
         taken = (*base.taken, one.insertion)
-        rest = [option for option in options if option.prefix != one.insertion.prefix and not is_composite(option)]
-        try:
-            guess = base.fits[stage].point | one.parameters
-            fit = bench.fit(taken, guess, (stage,), rules.sd, patient=False, iterations=EARLY, stride=ROUGH)
-            screened = screen(bench, taken, fit.point, rest, stage, rules.sd)
-        except (SolverError, ModelError):
-            continue
-        able = [c for c in screened if not c.why_not and not is_other_law(c, one)]
-        others = _plain(able)[:SECOND]
-        less = base.fits[stage].chi2 - fit.chi2
-        found += [Couple(one, c, less + c.predicted, {**fit.point, **c.parameters}) for c in others]
-    return found
+        fit = bench.fit(taken, guess, (at,), rules.sd, patient=False, iterations=EARLY, stride=ROUGH)
+        if residuals(fit).is_passed or not lower:
+            return at, fit
+        at, guess = lower.pop(0), fit.point
 
 
 def _plain(able: list[Candidate]) -> list[Candidate]:

@@ -34,9 +34,10 @@ def candidates(cards: tuple[Card, ...], places: tuple[Place, ...], taken: tuple[
     A contact has one law of dry friction: where the model has one, another is no addition.
     """
     names = {insertion.prefix for insertion in taken}
-    rubbing = {name for insertion in taken if _is_dry(insertion.card) for name in _motion(insertion.place)}
+    rubbing = [insertion.place for insertion in taken if _is_dry(insertion.card)]
+    rubbed = [place for place in places if any(_moves_alike(place, other) for other in rubbing)]
     fitting = [(card, place) for place in places for card in cards if fits(card, place)]
-    fitting = [(card, place) for card, place in fitting if not (_is_dry(card) and rubbing & _motion(place))]
+    fitting = [(card, place) for card, place in fitting if not (_is_dry(card) and place in rubbed)]
     found = [Insertion(card, place, start) for card, place in fitting for start in card.starts(place.kind)]
     return [insertion for insertion in found if insertion.prefix not in names]
 
@@ -44,15 +45,16 @@ def candidates(cards: tuple[Card, ...], places: tuple[Place, ...], taken: tuple[
 def is_other_law(one: Candidate, other: Candidate) -> bool:
     """Return whether two candidates are laws of dry friction of the same contact."""
     is_dry = _is_dry(one.insertion.card) and _is_dry(other.insertion.card)
-    return is_dry and bool(_motion(one.insertion.place) & _motion(other.insertion.place))
+    return is_dry and _moves_alike(one.insertion.place, other.insertion.place)
 
 
 def _is_dry(card: Card) -> bool:
     return card.insertion == "parallel" and "sign v" in card.regressors
 
 
-def _motion(place: Place) -> set[str]:
-    return {place.at, *place.same_motion}
+def _moves_alike(one: Place, other: Place) -> bool:
+    """Return whether two places have one motion; a part such as a rod may have two, of which each is another's too."""
+    return one.at == other.at or one.at in other.same_motion or other.at in one.same_motion
 
 
 def screen(

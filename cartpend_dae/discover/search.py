@@ -334,9 +334,11 @@ def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _L
 def _supported(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]) -> list[Insertion]:
     """Return the effects that explain more of what is left than small random forces would, from each of their starts.
 
-    What an effect leaves may be the error of its law, or disturbances; a second one must do better than both.
+    What an effect leaves may be the error of its law, or disturbances; a second one must do better than both. It is
+    looked for with as much injection as does not hide it.
     """
-    bandwidth = max(w for w in base.fits if w <= rules.screening)
+    shown = [w for w in base.fits if 0 < w <= rules.screening and residuals(base.fits[w]).is_passed]
+    bandwidth = max(shown, default=max(w for w in base.fits if w <= rules.screening))
     point = base.fits[bandwidth].point
     weighed = weigh(bench, base.taken, rules.loads, point, bandwidth, rules.sd)
     screened = screen(bench, base.taken, point, options, bandwidth, rules.sd, weighed=weighed)

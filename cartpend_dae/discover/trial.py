@@ -19,6 +19,7 @@ from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError
 from cartpend_dae.identify import Fit
+from cartpend_dae.uncertainty import Estimate
 
 # so many of the best predictions are fitted at the first stage, in so many steps; the best of them with less injection,
 # in so many steps; and the best of these to the end
@@ -215,8 +216,8 @@ def _first_fits(bench: Workbench, base: Base, rules: Rules, stage: float, wide: 
 
 
 def _enough(bench: Workbench, base: Base, rules: Rules, new: list[Candidate]) -> Candidate | None:
-    """Return the best of some candidates if it leaves noise alone, with injection and without."""
-    fitted_ones = [c for c in new if c.fit is not None and not c.why_not]
+    """Return the best of some candidates that do one thing if it leaves noise alone, with injection and without."""
+    fitted_ones = [c for c in new if c.fit is not None and not c.why_not and not is_composite(c.insertion)]
     best = min(fitted_ones, key=lambda c: c.fit.chi2 if c.fit else np.inf, default=None)
     if best is None or best.fit is None or not _is_clean(best):
         return None
@@ -317,10 +318,23 @@ def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> 
     if not why and _is_shape_error(base, fit):
         why = "it explains no more than the laws found already may be wrong by, and leaves more than noise"
     why = why or bench.contradiction(candidate.insertion, fit.values)
-    sizes = [e.status == "at-bound" for e in fit.parameters if e.name in candidate.insertion.size_names]
-    if sizes and all(sizes):
+    if not why and _is_absent(fit, candidate.insertion):
         why = "its parameter ends on its bound, where it has no effect"
     return replace(candidate, parameters=parameters, gain=gain, t=t, fit=fit, why_not=why)
+
+
+def _is_absent(fit: Fit, insertion: Insertion) -> bool:
+    """Return whether all sizes of an effect end on bounds that are not the other end of how much of it there can be."""
+    kind = insertion.place.kind
+    bounds = {f"{insertion.prefix}.{item.names[kind]}": item.bounds_at(kind) for item in insertion.parameters}
+    sizes = [e for e in fit.parameters if e.name in insertion.size_names]
+
+    def is_absent(e: Estimate) -> bool:
+        low, high = bounds[e.name]
+        is_full = low == 0 and np.isfinite(high) and e.value > high / 2
+        return e.status == "at-bound" and not is_full
+
+    return bool(sizes) and all(map(is_absent, sizes))
 
 
 def _is_shape_error(base: Base, fit: Fit) -> bool:
