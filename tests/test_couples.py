@@ -8,11 +8,15 @@ import pytest
 from test_discover_pendulum import COULOMB, VISCOUS, noisy_setup
 
 from cartpend_dae.discover.bases import fit_base, noise_rules
+from cartpend_dae.discover.choice import step_of
 from cartpend_dae.discover.couple import couple
-from cartpend_dae.discover.gate import is_noise_alone
+from cartpend_dae.discover.evidence import bic
+from cartpend_dae.discover.gate import is_noise_alone, residuals
 from cartpend_dae.discover.records import Candidate
+from cartpend_dae.discover.revise import plain
 from cartpend_dae.discover.screen import candidates
 from cartpend_dae.discover.shortlist import PLACES, at_few_places
+from cartpend_dae.discover.state import Base
 from cartpend_dae.discover.trial import try_in_noise
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import catalogue, insertion_at, places
@@ -41,6 +45,29 @@ def test_coulomb_friction_and_drag_are_told_from_a_stribeck_curve():
     found = {e.name.rpartition(".")[2]: e for e in after.fit.parameters}
     for name, truth in (("tau_c", COULOMB), ("d2", QUADRATIC), ("d", VISCOUS)):
         assert abs(found[name].value - truth) < 4 * found[name].sd
+
+
+def test_a_law_each_way_gives_its_place_to_coulomb_friction_where_both_ways_are_alike_beside_the_others():
+    run = independent.pendulum(duration=6.0, angle=1.2, viscous=VISCOUS, coulomb=COULOMB, quadratic=QUADRATIC)
+    bench = Workbench(noisy_setup(run, 0))
+    where = places(bench.setup.model, ("bearing.phi",), catalogue())
+    rules = noise_rules(bench, where, 0.0)
+
+    def made(effect):
+        insertion = insertion_at(bench.setup.model, effect, "bearing")
+        return Candidate(insertion, insertion.starts, 0.0, 50.0, 0.0, None, "")
+
+    each_way, drag, coulomb = (made(name) for name in ("asymmetric_friction", "quadratic_drag", "coulomb_friction"))
+    starts = {"bearing.asymmetric_friction.tau_c_pos": 1.1 * COULOMB, "bearing.asymmetric_friction.tau_c_neg": COULOMB}
+    guess = {**each_way.parameters, **drag.parameters, "bearing.quadratic_drag.d2": QUADRATIC, **starts}
+    fit = bench.fit((each_way.insertion, drag.insertion), guess, (0.0,), rules.sd)
+    base = Base((each_way.insertion, drag.insertion), {0.0: fit})
+    steps = [step_of(c, residuals(fit), [c]) for c in (each_way, drag)]
+    after, found = plain(bench, base, steps, rules, [each_way, drag, coulomb])
+    assert [step.candidate.insertion.prefix for step in found] == ["bearing.quadratic_drag", "bearing.coulomb_friction"]
+    assert {i.prefix for i in after.taken} == {"bearing.quadratic_drag", "bearing.coulomb_friction"}
+    assert is_noise_alone(after.fit) and bic(after.fit) < bic(fit)
+    assert plain(bench, after, found, rules, [each_way, drag, coulomb]) == (after, found)
 
 
 @pytest.fixture

@@ -9,12 +9,14 @@ from test_discover_pendulum import clean_run, noisy_setup
 from cartpend_dae.discover import revise
 from cartpend_dae.discover import trial as trials
 from cartpend_dae.discover.choice import contains, ordered_by_bic, step_of
-from cartpend_dae.discover.couple import couple, promising
+from cartpend_dae.discover.couple import chosen_anew, couple, richer
 from cartpend_dae.discover.disturbed import ordered
 from cartpend_dae.discover.gate import residuals
-from cartpend_dae.discover.nested import PEAK, own, restarted, simplified
+from cartpend_dae.discover.nested import PEAK, own, restarted, shared, simplified
+from cartpend_dae.discover.promising import Couple, promising
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.screen import candidates, is_other_law
+from cartpend_dae.discover.shortlist import best_of_each
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import FAR, MOST, TOUCH, is_far_from_noise, is_left_to_shape, is_most
 from cartpend_dae.discover.workbench import Workbench
@@ -170,6 +172,40 @@ def test_a_plain_law_stands_for_a_richer_one_that_promises_little_more():
     assert "stribeck_friction" in found
 
 
+def test_the_law_that_explains_more_alone_takes_the_place_of_a_plainer_one_in_a_couple(fitted):
+    def begun(effect, early):
+        found = fitted(effect, 0.0, early)
+        return replace(found, early=early, begun={name: 0.7 for name in found.insertion.parameter_names})
+
+    coulomb, load = begun("coulomb_friction", 82400.0), begun("constant_load", 300000.0)
+    far, near = begun("stribeck_friction", 69700.0), begun("breakaway_friction", 82399.0)
+    pair = Couple(coulomb, load, 9.0, {}, coulomb.fit)
+    (found,) = richer([pair], [near, far, coulomb, load])
+    assert (found.one, found.other) == (far, load)
+    assert {name: found.parameters[name] for name in far.begun} == far.begun
+    assert found.parameters["bearing.d"] == coulomb.fit.point["bearing.d"]
+    assert richer([pair], [near, coulomb, load]) == []
+
+
+def test_the_other_choice_of_an_effect_is_kept_and_tried_in_a_couple(fitted):
+    def approximated(k, chi2):
+        found = fitted("input_delay", 0.0, chi2, DrivenCart(), "amplifier.u")
+        return replace(found, insertion=replace(found.insertion, values={"k": k, "b": 0.0}))
+
+    lag, pade = approximated(1.0, 9.0), approximated(2.0, 8.0)
+    (best,) = best_of_each([lag, pade], lambda c: c.fit.chi2)
+    assert best.insertion == pade.insertion and best.others == (lag,)
+    load = fitted("constant_load", 0.0, 9.0)
+    (found,) = chosen_anew([Couple(best, load, 9.0, {}, best.fit)])
+    assert (found.one, found.other) == (lag, load)
+
+
+def test_a_plain_law_begins_at_the_mean_of_one_for_each_way(fitted):
+    rich = fitted("asymmetric_friction", 0.0, 9.0, tau_c_pos=0.5, tau_c_neg=0.3, d_pos=0.1, d_neg=0.2)
+    values = shared(insertion_at(RotaDamp(), "coulomb_friction", "bearing"), rich)
+    assert values == {"bearing.coulomb_friction.tau_c": pytest.approx(0.4)}
+
+
 def test_an_error_of_a_sensor_that_is_larger_than_its_range_is_none(bench):
     insertion = insertion_at(RotaDamp(), "sensor_nonlinearity", "bearing.phi")
     span = max(np.ptp(run.outputs["bearing.phi"].values) for run in bench.setup.train)
@@ -241,6 +277,52 @@ def test_the_last_additions_are_taken_back_while_they_explain_less_than_is_left(
     assert kept == steps[:2] and base.taken == whole.taken[:2]
     left |= {3: 10.0}
     assert revise.settled(bench, whole_now := base_with(whole.taken), steps, rules) == (whole_now, steps)
+
+
+@pytest.mark.parametrize(("without", "is_taken"), [(20.0, False), (1e4, True)])
+def test_a_plainer_law_takes_the_place_of_one_that_is_better_by_no_more_than_shape(
+    monkeypatch, fitted, without, is_taken
+):
+    values = {"tau_c_pos": 0.5, "tau_c_neg": 0.3, "d_pos": 0.0, "d_neg": 0.0}
+    rich, load = fitted("asymmetric_friction", 9.0, 1.0, **values), fitted("constant_load", 9.0, 1.0)
+    coulomb = fitted("coulomb_friction", 9.0, 1.0, tau_c=0.4)
+    n = rich.fit.n_residuals
+    both = replace(rich.fit, chi2=5.0 * n)
+
+    def refitted(bench, taken, *_, **__):
+        has_law = coulomb.insertion in taken
+        return replace(coulomb.fit, chi2=(6.0 if has_law else without) * n)
+
+    monkeypatch.setattr(Workbench, "fit", refitted)
+    bench = Workbench(noisy_setup(clean_run(0.05), 0))
+    steps = [step_of(c, residuals(both), [c]) for c in (rich, load)]
+    base = Base((rich.insertion, load.insertion), {0.0: both})
+    rules = Rules("noise", (0.0,), 0.0, np.array([1e-3]), ())
+    after, found = revise.plain(bench, base, steps, rules, [rich, load, coulomb])
+    assert names(step.candidate for step in found) == (
+        ["constant_load", "coulomb_friction"] if is_taken else ["asymmetric_friction", "constant_load"]
+    )
+    assert (after is base) is not is_taken
+
+
+@pytest.mark.parametrize(("share", "matters"), [(20.0, False), (50.0, True)])
+def test_what_is_left_is_put_down_to_shape_where_each_effect_explains_far_more(monkeypatch, fitted, share, matters):
+    first, second = (fitted(effect, 9.0, 1.0) for effect in ("coulomb_friction", "constant_load"))
+    n = first.fit.n_residuals
+    left = {first.insertion.prefix: share, second.insertion.prefix: 1e4}
+    with_both = replace(first.fit, chi2=2.0 * n)
+    base = Base((first.insertion, second.insertion), {0.0: with_both})
+    steps = [step_of(c, residuals(with_both), [c]) for c in (first, second)]
+
+    def without(bench, taken, *_, **__):
+        (kept,) = taken
+        return replace(with_both, chi2=n * left[kept.prefix])
+
+    monkeypatch.setattr(Workbench, "fit", without)
+    bench = Workbench(noisy_setup(clean_run(0.05), 0))
+    rules = Rules("noise", (0.0,), 0.0, np.array([1e-3]), ())
+    assert revise.each_matters(bench, base, steps, rules) is matters
+    assert revise.each_matters(bench, base, steps[:1], rules)
 
 
 def test_what_says_the_same_in_the_rig_comes_before_the_clock_of_the_recorder(bench, plain_fit, noise, fitted):

@@ -7,7 +7,7 @@ from library_bench import joined, run
 from cartpend_dae import simulate
 from cartpend_dae.data import Channel, Experiment
 from cartpend_dae.discover.records import Setup
-from cartpend_dae.discover.workbench import FINEST, Workbench, assembled
+from cartpend_dae.discover.workbench import COARSE, FINEST, ROUGH, Workbench, assembled
 from cartpend_dae.effects import Insertion, catalogue
 from cartpend_dae.effects.card import R
 from cartpend_dae.effects.places import place_at
@@ -129,6 +129,17 @@ def test_an_estimation_chooses_steps_that_follow_a_memory_and_a_search_begins_wi
     assert bench.problem((insertion,)).layout.substeps < problem.layout.substeps
     assert bench.problem((insertion,), "fine").layout.substeps == FINEST
     assert not bench.problem(()).has_memory
+
+
+@pytest.mark.parametrize("stride", [None, ROUGH, "fine"])
+def test_a_signal_is_late_on_fine_steps_in_every_fit(stride):
+    # half a step of two per sample is 2.5 ms, of which a delay of 0.2 ms of a current would be told in vain
+    model = RotaDamp()
+    bench, _ = estimation("dahl_friction")
+    (card,) = (card for card in catalogue() if card.id == "sensor_delay")
+    late = Insertion(card, place_at(model, card, "bearing.phi"), card.starts(R)[0])
+    assert bench.problem((late,), stride).layout.substeps == FINEST
+    assert bench.problem((late,), COARSE).layout.substeps < FINEST
 
 
 def test_a_fit_to_the_free_simulation_follows_a_memory_on_fine_steps():

@@ -70,12 +70,16 @@ def simplified(fitted: list[Candidate], left: Callable[[Candidate], float]) -> l
 
 
 def shared(insertion: Insertion, rich: Candidate) -> dict[str, float]:
-    """Return the parameters of a law that a richer one has too, as fitted there."""
+    """Return the parameters of a law that a richer one has too, as fitted there; the mean of one for each way."""
     assert rich.fit is not None
     there = {name.rpartition(".")[2]: rich.fit.values[name] for name in rich.insertion.parameter_names}
-    return {
-        name: there[name.rpartition(".")[2]] for name in insertion.parameter_names if name.rpartition(".")[2] in there
-    }
+    found: dict[str, float] = {}
+    for name in insertion.parameter_names:
+        short = name.rpartition(".")[2]
+        values = [there[one] for one in (short, *(short + way for way in WAYS)) if one in there]
+        if values:
+            found[name] = sum(values) / len(values)
+    return found
 
 
 def own(candidate: Candidate) -> Candidate:

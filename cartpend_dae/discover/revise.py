@@ -5,16 +5,21 @@ from dataclasses import replace
 import numpy as np
 
 from cartpend_dae.discover.bases import Library, base_of, fit_base
-from cartpend_dae.discover.choice import NEAR, step_of
+from cartpend_dae.discover.choice import NEAR, SHAPE, SIMPLER, step_of
+from cartpend_dae.discover.couple import as_fitted, plainer
 from cartpend_dae.discover.disturbed import ALIKE, penalty
 from cartpend_dae.discover.evidence import bic
 from cartpend_dae.discover.gate import residuals
+from cartpend_dae.discover.nested import shared
 from cartpend_dae.discover.predicted import MIN_SHARE, explained
-from cartpend_dae.discover.records import Step
+from cartpend_dae.discover.records import Candidate, Step
 from cartpend_dae.discover.screen import candidates
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import MIN_BIC_GAIN, try_all
 from cartpend_dae.discover.workbench import Workbench
+from cartpend_dae.effects import Insertion
+from cartpend_dae.errors import SolverError
+from cartpend_dae.identify import Fit
 
 
 def prune(bench: Workbench, base: Base, steps: list[Step], rules: Rules, n_options: int) -> tuple[Base, list[Step]]:
@@ -55,6 +60,69 @@ def swap(bench: Workbench, base: Base, steps: list[Step], rules: Rules, library:
         base = other
         steps = [*others, step_of(best, residuals(base.fit), ranked)]
     return base, steps
+
+
+def plain(
+    bench: Workbench, base: Base, steps: list[Step], rules: Rules, tried: list[Candidate]
+) -> tuple[Base, list[Step]]:
+    """Put a plainer law, of those tried, in the place of each that contains it, if beside the others it does as well.
+
+    Where the richer one leaves more than noise too, it does so if it leaves no more than laws may be wrong by.
+    It begins as the richer one was fitted: from its own start it may not have come so far.
+    """
+    for old in list(steps):
+        rich = replace(old.candidate, fit=base.fit)
+        others = tuple(i for i in base.taken if i.prefix != rich.insertion.prefix)
+        for law in sorted(plainer(old, tried), key=_size):
+            values = shared(law.insertion, rich)
+            if not values or _size(law) >= _size(rich):
+                continue
+            together = (*others, law.insertion)
+            try:
+                fit = bench.fit(together, {**base.fit.point, **values}, (bench.last,), rules.sd, patient=False)
+            except SolverError:
+                continue
+            if bench.contradiction(law.insertion, fit.values):
+                continue
+            if bic(fit) - bic(base.fit) >= NEAR and not _is_shapeless(bench, base, others, fit, rules):
+                continue
+            found = replace(as_fitted(law, fit, fit), gain=old.candidate.gain)
+            base = base_of(bench, base, others, found, rules)
+            steps = [s for s in steps if s is not old] + [step_of(found, residuals(fit), [found])]
+            break
+    return base, steps
+
+
+def _is_shapeless(bench: Workbench, base: Base, others: tuple[Insertion, ...], fit: Fit, rules: Rules) -> bool:
+    """Return whether a plainer law leaves no more than laws may be wrong by, and the richer one more than noise too."""
+    noise = fit.n_residuals
+    if not residuals(base.fit).is_passed or fit.chi2 - noise > SIMPLER * (base.fit.chi2 - noise):
+        return False
+    try:
+        without = bench.fit(others, base.fit.point, (bench.last,), rules.sd, patient=False)
+    except SolverError:
+        return False
+    return fit.chi2 - base.fit.chi2 < SHAPE * (without.chi2 - base.fit.chi2)
+
+
+def _size(candidate: Candidate) -> int:
+    return len(candidate.insertion.parameter_names)
+
+
+def each_matters(bench: Workbench, base: Base, steps: list[Step], rules: Rules) -> bool:
+    """Return whether all that is left may be what the law of any one effect is wrong by: alone it matters so much."""
+    if len(steps) == 1:
+        return True
+    left = base.fit.chi2 - base.fit.n_residuals
+    for step in steps:
+        fewer = tuple(i for i in base.taken if i.prefix != step.candidate.insertion.prefix)
+        try:
+            without = bench.fit(fewer, base.fit.point, (bench.last,), rules.sd, patient=False)
+        except SolverError:
+            continue  # without it the model does not even follow
+        if left > SHAPE * (without.chi2 - base.fit.chi2):
+            return False
+    return True
 
 
 def settled(bench: Workbench, base: Base, steps: list[Step], rules: Rules) -> tuple[Base, list[Step]]:

@@ -14,7 +14,7 @@ from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.mirror import mirrored
 from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdict
 from cartpend_dae.discover.regime import best_bandwidth, sampling_rate
-from cartpend_dae.discover.revise import prune, settled, swap
+from cartpend_dae.discover.revise import each_matters, plain, prune, settled, swap
 from cartpend_dae.discover.screen import candidates, is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import (
@@ -124,14 +124,14 @@ def _against_forces(
 ) -> tuple[Rules, Base, Base]:
     """Search against random forces; return the rules, and the models before and after.
 
-    What noise alone had found stands if a single effect leaves no more than its shape; if both agree on it; if it is
+    What noise alone had found stands if it leaves no more than the shape of each effect; if both agree on it; if it is
     most of all, and forces find nothing, as the injection that suits them hides what is wrong at a sensor, or what
     leaves clearly more of the runs; and if the model cannot be weighed so, or the search is interrupted before.
     """
     found, stood = log.steps, log.base
     old = (replace(noise, regime="disturbances"), *without)
     rules, start = noise, without[0]
-    if len(found) == 1 and is_left_to_shape(without[1].bare, without[1].fit):
+    if found and is_left_to_shape(without[1].bare, without[1].fit) and each_matters(bench, without[1], found, noise):
         return old
     try:
         rules, start = _forced(bench, noise, without[0])
@@ -327,6 +327,8 @@ def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _L
     steps = [*log.steps, step_of(winner, residuals(base.fit), ranked)]
     base, steps = prune(bench, base, steps, rules, len(options))
     base, steps = swap(bench, base, steps, rules, library)
+    if rules.regime == "noise" and len(steps) > 1:
+        base, steps = plain(bench, base, steps, rules, list(log.tried.values()))
     log.steps, log.base = steps, base
     return base
 

@@ -1,6 +1,7 @@
 """Of candidates that were screened, those that are fitted."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from cartpend_dae.discover.choice import SAME, are_parallel
 from cartpend_dae.discover.disturbed import is_composite
@@ -59,10 +60,26 @@ def with_others(candidates: list[Candidate]) -> list[Candidate]:
 
 
 def best_of_each(judged: list[Candidate], criterion: Callable[[Candidate], float]) -> list[Candidate]:
-    """Return one candidate of each effect at a place, from the start with which the criterion is smallest."""
-    best: dict[str, Candidate] = {}
+    """Return one candidate of each effect at a place, from the start with which the criterion is smallest.
+
+    Those with another of its choices are its `others`: beside a second effect they may do better.
+    """
+    starts: dict[str, list[Candidate]] = {}
     for candidate in judged:
-        other = best.setdefault(candidate.insertion.prefix, candidate)
-        if candidate.fit is not None and (other.fit is None or criterion(candidate) < criterion(other)):
-            best[candidate.insertion.prefix] = candidate
-    return list(best.values())
+        starts.setdefault(candidate.insertion.prefix, []).append(candidate)
+    found: list[Candidate] = []
+    for these in starts.values():
+        best = these[0]
+        for candidate in these[1:]:
+            if candidate.fit is not None and (best.fit is None or criterion(candidate) < criterion(best)):
+                best = candidate
+        others = [c for c in (*these, *best.others) if chosen(c) != chosen(best)]
+        found.append(replace(best, others=tuple(replace(c, others=()) for c in others)))
+    return found
+
+
+def chosen(candidate: Candidate) -> dict[str, float]:
+    """Return the values of what is tried and not estimated, as the approximation of a delay."""
+    insertion = candidate.insertion
+    names = {item.names[insertion.place.kind] for item in insertion.card.parameters if item.role == "choice"}
+    return {name: value for name, value in insertion.values.items() if name in names}

@@ -19,6 +19,7 @@ from cartpend_dae.language import Component, bindings_of
 from cartpend_dae.parallel import Workers
 from cartpend_dae.problem import Problem, dominant_frequency, free_parameter, make_problem, usual_stride
 from cartpend_dae.shooting import Linearisation, linearised
+from cartpend_dae.stepping import shortest_times
 from cartpend_dae.system import System
 from cartpend_dae.unknowns import Free, tie
 
@@ -27,6 +28,8 @@ Report = Callable[[str, str, float], None]
 COARSE = 1.0
 # the same where candidates are compared for the first time
 ROUGH = 0.25
+# where effects go that act on a signal
+SIGNALS = ("input", "sensor")
 # steps for each sample where laws of dry friction are told apart: with fewer the error of integration looks like law
 # (a Stribeck curve on steps of 5 ms: chi^2 of 9,200 for 3,000 residuals, of 3,000 on steps eight times as fine)
 FINEST = 16
@@ -106,9 +109,12 @@ class Workbench:
             system = assembled(self.setup.model, insertions, experiments)
         free = self._free(system, insertions, scales)
         problem = self._problem(system, free, renamed(experiments, insertions), self.setup.step)
-        if stride == "fine":
+        is_late = _is_late(system, insertions)
+        if stride == "fine" or (stride == ROUGH and is_late):
             return replace(problem, step=fine_step(self.setup), stride=ROUGH)
-        return problem if stride is None else replace(problem, step=None, stride=stride)
+        if stride is None:
+            return replace(problem, step=fine_step(self.setup)) if is_late else problem
+        return replace(problem, step=None, stride=stride)
 
     def with_weights(
         self, taken: tuple[Insertion, ...], closure: Insertion, weights: Callable[[System], tuple[Free, ...]]
@@ -270,6 +276,12 @@ def fine_step(setup: Setup) -> float:
     """Return the step with which laws of friction are told apart [s], unless the study has its own."""
     width = float(np.median(np.concatenate([np.diff(run.time) for run in setup.train])))
     return setup.step or width / FINEST
+
+
+def _is_late(system: System, insertions: tuple[Insertion, ...]) -> bool:
+    """Return whether an effect delays a signal: steps that are longer than it would delay it by half of one."""
+    prefixes = tuple(f"{i.prefix}." for i in insertions if i.card.insertion in SIGNALS)
+    return any(system.parameters[k].name.startswith(prefixes) for k in shortest_times(system))
 
 
 def _key(insertions: tuple[Insertion, ...]) -> tuple[str, ...]:
