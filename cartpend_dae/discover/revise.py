@@ -74,9 +74,9 @@ def plain(
         rich = replace(old.candidate, fit=base.fit)
         others = tuple(i for i in base.taken if i.prefix != rich.insertion.prefix)
         for law in sorted(plainer(old, tried), key=_size):
-            values = shared(law.insertion, rich)
-            if not values or _size(law) >= _size(rich):
+            if _size(law) >= _size(rich):
                 continue
+            values = shared(law.insertion, rich)
             together = (*others, law.insertion)
             try:
                 fit = bench.fit(together, {**base.fit.point, **values}, (bench.last,), rules.sd, patient=False)

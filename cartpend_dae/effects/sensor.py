@@ -14,7 +14,7 @@ def sensor_cards() -> tuple[Card, ...]:
             components={None: signals.SensorOffset},
             parameters=(size("y_0"),),
             dissipative=False,
-            nested_in=("current_sensor_error",),
+            nested_in=("current_sensor_error", "sensor_quantization"),
             equivalent_to={"constant_load": "small amplitude about a rest position, with a free start"},
             regressors=("1",),
             excited_by="a motion whose rest position or symmetry is known, at two amplitudes",
