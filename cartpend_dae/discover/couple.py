@@ -138,7 +138,7 @@ def _with_plainer(
         for part, other in ((pair.one, pair.other), (pair.other, pair.one)):
             rich = replace(part, fit=pair.fit)
             told = [(c, shared(c.insertion, rich)) for c in ranked if _is_case(c, rich, ranked)]
-            able += [Couple(c, other, pair.predicted, {**pair.fit.point, **values}) for c, values in told if values]
+            able += [Couple(c, other, pair.predicted, {**pair.fit.point, **values}) for c, values in told]
         able = [c for c in able if c.n_parameters < pair.n_parameters]
         fitted = _fitted(bench, base, rules, able, (bench.last,), None) if able else []
         found += [c for c in fitted if c.fit is not None and bic(c.fit) < bic(pair.fit) + NEAR]
