@@ -63,11 +63,11 @@ def test_a_law_each_way_gives_its_place_to_coulomb_friction_where_both_ways_are_
     fit = bench.fit((each_way.insertion, drag.insertion), guess, (0.0,), rules.sd)
     base = Base((each_way.insertion, drag.insertion), {0.0: fit})
     steps = [step_of(c, residuals(fit), [c]) for c in (each_way, drag)]
-    after, found = plain(bench, base, steps, rules, [each_way, drag, coulomb])
+    after, found = plain(bench, base, steps, rules, [each_way, drag, coulomb], np.inf)
     assert [step.candidate.insertion.prefix for step in found] == ["bearing.quadratic_drag", "bearing.coulomb_friction"]
     assert {i.prefix for i in after.taken} == {"bearing.quadratic_drag", "bearing.coulomb_friction"}
     assert is_noise_alone(after.fit) and bic(after.fit) < bic(fit)
-    assert plain(bench, after, found, rules, [each_way, drag, coulomb]) == (after, found)
+    assert plain(bench, after, found, rules, [each_way, drag, coulomb], np.inf) == (after, found)
 
 
 @pytest.fixture

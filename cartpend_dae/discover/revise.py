@@ -15,7 +15,7 @@ from cartpend_dae.discover.predicted import MIN_SHARE, explained
 from cartpend_dae.discover.records import Candidate, Step
 from cartpend_dae.discover.screen import candidates
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import MIN_BIC_GAIN, try_all
+from cartpend_dae.discover.trial import LAWS, MIN_BIC_GAIN, try_all
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError
@@ -63,12 +63,13 @@ def swap(bench: Workbench, base: Base, steps: list[Step], rules: Rules, library:
 
 
 def plain(
-    bench: Workbench, base: Base, steps: list[Step], rules: Rules, tried: list[Candidate]
+    bench: Workbench, base: Base, steps: list[Step], rules: Rules, tried: list[Candidate], left: float
 ) -> tuple[Base, list[Step]]:
     """Put a plainer law, of those tried, in the place of each that contains it, if beside the others it does as well.
 
-    Where the richer one leaves more than noise too, it does so if it leaves no more than laws may be wrong by.
-    It begins as the richer one was fitted: from its own start it may not have come so far.
+    Where the richer one leaves more than noise too, it does so if it leaves no more than laws may be wrong by, and much
+    less than the last effect explains, before which chi2 was `left`. It begins as the richer one was fitted: from its
+    own start it may not have come so far.
     """
     for old in list(steps):
         rich = replace(old.candidate, fit=base.fit)
@@ -84,7 +85,7 @@ def plain(
                 continue
             if bench.contradiction(law.insertion, fit.values):
                 continue
-            if bic(fit) - bic(base.fit) >= NEAR and not _is_shapeless(bench, base, others, fit, rules):
+            if bic(fit) - bic(base.fit) >= NEAR and not _is_shapeless(bench, base, others, fit, rules, left):
                 continue
             found = replace(as_fitted(law, fit, fit), gain=old.candidate.gain)
             base = base_of(bench, base, others, found, rules)
@@ -93,16 +94,24 @@ def plain(
     return base, steps
 
 
-def _is_shapeless(bench: Workbench, base: Base, others: tuple[Insertion, ...], fit: Fit, rules: Rules) -> bool:
-    """Return whether a plainer law leaves no more than laws may be wrong by, and the richer one more than noise too."""
+def _is_shapeless(
+    bench: Workbench, base: Base, others: tuple[Insertion, ...], fit: Fit, rules: Rules, left: float
+) -> bool:
+    """Return whether a plainer law leaves no more than laws may be wrong by, and the richer one more than noise too.
+
+    It must matter much less than the last effect, before which chi2 was `left`, as well.
+    """
     noise = fit.n_residuals
     if not residuals(base.fit).is_passed or fit.chi2 - noise > SIMPLER * (base.fit.chi2 - noise):
+        return False
+    more = fit.chi2 - base.fit.chi2
+    if LAWS * more >= left - base.fit.chi2:
         return False
     try:
         without = bench.fit(others, base.fit.point, (bench.last,), rules.sd, patient=False)
     except SolverError:
         return False
-    return fit.chi2 - base.fit.chi2 < SHAPE * (without.chi2 - base.fit.chi2)
+    return more < SHAPE * (without.chi2 - base.fit.chi2)
 
 
 def _size(candidate: Candidate) -> int:

@@ -9,6 +9,7 @@ from cartpend_dae.discover.bases import Library, base_of, fit_base, noise_rules,
 from cartpend_dae.discover.choice import SHAPE, are_parallel, step_of
 from cartpend_dae.discover.couple import couple, plainer, simpler
 from cartpend_dae.discover.disturbed import fitted, margin_of, penalty
+from cartpend_dae.discover.edges import off_edges
 from cartpend_dae.discover.evidence import determined, lead, with_robust_sd
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.mirror import mirrored
@@ -19,6 +20,7 @@ from cartpend_dae.discover.screen import candidates, is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import (
     MOST,
+    best_rival,
     is_left_to_shape,
     is_most,
     is_nearly_all,
@@ -303,6 +305,7 @@ def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _L
         return None
     options = candidates(*library, base.taken)
     if rules.regime == "noise" and log.steps:
+        base = off_edges(bench, base, rules)
         options = _supported(bench, base, rules, options)
         if not options:
             return None
@@ -322,13 +325,13 @@ def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _L
             log.base, log.steps = instead
         return log.base if instead else None
     ranked = place_with_a_future(bench, base, ranked, rules, library)
-    winner = ranked[0]
-    base = base_of(bench, base, base.taken, winner, rules)
+    winner, left = ranked[0], base.fit.chi2
+    base = replace(base_of(bench, base, base.taken, winner, rules), rival=best_rival(winner, ranked))
     steps = [*log.steps, step_of(winner, residuals(base.fit), ranked)]
     base, steps = prune(bench, base, steps, rules, len(options))
     base, steps = swap(bench, base, steps, rules, library)
     if rules.regime == "noise" and len(steps) > 1:
-        base, steps = plain(bench, base, steps, rules, list(log.tried.values()))
+        base, steps = plain(bench, base, steps, rules, list(log.tried.values()), left)
     log.steps, log.base = steps, base
     return base
 

@@ -14,13 +14,15 @@ from cartpend_dae.identify import Fit
 class Base:
     """The model so far: its fits by bandwidth, the last of which decides; `bare` is chi2 without any additions.
 
-    In the regime of random forces its last fit is `weighed` against them.
+    In the regime of random forces its last fit is `weighed` against them. `rival` is what other laws of the contact
+    leave in the place of the last addition, if there are any: so much the shape of a law may matter.
     """
 
     taken: tuple[Insertion, ...]
     fits: dict[float, Fit]
     bare: float = 0.0
     weighed: Weighed | None = None
+    rival: float | None = None
 
     @property
     def fit(self) -> Fit:

@@ -42,6 +42,9 @@ TOUCH = 0.01
 # ... unless so many times noise were left before: where another shape was mended, 1.5 to 2.5 times were (tuning seeds
 # of the blind bed); of two effects the first leaves 100 times and more
 FAR = 20.0
+# ... unless it explains so many times as much as the best other law of the contact in the place of the one found, where
+# at least so many were fitted: by that much the shape of a law may matter
+LAWS, OTHERS = 3.0, 2
 # an effect that is really there leaves at most this share of what it explains; where small disturbances alone move a
 # rig, some effect or other leaves 0.17 of it and more (10 runs of the blind bed's rigs)
 MOST = 0.1
@@ -315,7 +318,7 @@ def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> 
     why = "" if gain > MIN_BIC_GAIN else too_little(gain)
     if not why and coloured < MIN_BIC_GAIN:
         why = f"with residuals as alike as they are BIC falls by {coloured:.1f} only, less than {MIN_BIC_GAIN:g}"
-    if not why and _is_shape_error(base, fit):
+    if not why and is_shape_error(base, fit):
         why = "it explains no more than the laws found already may be wrong by, and leaves more than noise"
     why = why or bench.contradiction(candidate.insertion, fit.values)
     if not why and _is_absent(fit, candidate.insertion):
@@ -337,12 +340,21 @@ def _is_absent(fit: Fit, insertion: Insertion) -> bool:
     return bool(sizes) and all(map(is_absent, sizes))
 
 
-def _is_shape_error(base: Base, fit: Fit) -> bool:
+def is_shape_error(base: Base, fit: Fit) -> bool:
     """Return whether an addition could be what the laws before it are wrong by."""
     share = (base.fit.chi2 - fit.chi2) / max(base.bare - base.fit.chi2, 1e-300)
     if not base.taken or share > SHAPE or is_far_from_noise(base.fit, fit):
         return False
+    shapes = np.inf if base.rival is None else max(base.fit.chi2 - base.rival, 0.0)
+    if share > TOUCH and base.fit.chi2 - fit.chi2 > LAWS * shapes:
+        return False
     return share < TOUCH or residuals(fit).is_passed or fit.chi2 > NOISE_ALONE * fit.n_residuals
+
+
+def best_rival(winner: Candidate, ranked: list[Candidate]) -> float | None:
+    """Return what the best other law of a contact leaves that was fitted to the end, None where few were."""
+    others = [c.fit.chi2 for c in ranked if c.fit is not None and c is not winner and is_other_law(c, winner)]
+    return min(others) if len(others) >= OTHERS else None
 
 
 def is_left_to_shape(bare: float, fit: Fit) -> bool:
