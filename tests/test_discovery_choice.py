@@ -9,7 +9,7 @@ from test_discover_pendulum import clean_run, noisy_setup
 from cartpend_dae.discover import revise
 from cartpend_dae.discover import trial as trials
 from cartpend_dae.discover.choice import contains, ordered_by_bic, step_of
-from cartpend_dae.discover.couple import chosen_anew, couple, richer
+from cartpend_dae.discover.couple import chosen_anew, couple, next_richer, richer
 from cartpend_dae.discover.disturbed import ordered
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.nested import PEAK, own, restarted, shared, simplified
@@ -207,6 +207,15 @@ def test_the_other_choice_of_an_effect_is_kept_and_tried_in_a_couple(fitted):
     load = fitted("constant_load", 0.0, 9.0)
     (found,) = chosen_anew([Couple(best, load, 9.0, {}, best.fit)])
     assert (found.one, found.other) == (lag, load)
+
+
+def test_a_couple_tries_the_next_richer_laws_of_its_contact_from_where_it_was_fitted(fitted):
+    coulomb, load = fitted("coulomb_friction", 5.0, 2.0, tau_c=0.4), fitted("constant_load", 5.0, 2.0)
+    names_of_laws = ("stribeck_friction", "breakaway_friction", "linear_stiffness")
+    ranked = [coulomb, load, *(fitted(name, 0.0, 9.0) for name in names_of_laws)]
+    found = next_richer(Couple(coulomb, load, 9.0, {}, coulomb.fit), ranked)
+    assert {(c.one.insertion.card.id, c.other) for c in found} == {(name, load) for name in names_of_laws[:2]}
+    assert all(c.parameters[f"{c.one.insertion.prefix}.tau_c"] == 0.4 for c in found)
 
 
 def test_a_plain_law_begins_at_the_mean_of_one_for_each_way(fitted):

@@ -14,9 +14,10 @@ from cartpend_dae.discover.choice import ALIKE, NEAR, contains, step_of
 from cartpend_dae.discover.disturbed import is_composite
 from cartpend_dae.discover.evidence import bic
 from cartpend_dae.discover.gate import is_noise_alone, residuals
-from cartpend_dae.discover.nested import as_plain, shared
+from cartpend_dae.discover.nested import as_plain, holds, shared
 from cartpend_dae.discover.promising import EARLY, Couple, beside, promising
 from cartpend_dae.discover.records import Candidate, Step
+from cartpend_dae.discover.screen import is_other_law
 from cartpend_dae.discover.shortlist import chosen
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import MIN_BIC_GAIN, TOUCH, is_far_from_noise, is_left_to_shape, left_early
@@ -77,8 +78,13 @@ def _whole(
     few += chosen_anew(few)
     least = bench.last or min(w for w in rules.stages if w > 0)
     few = _fitted(bench, base, rules, few, (least,), (LATER, ROUGH))[:LAST]
+    close = [c for c in few[:1] if c.fit is not None and c.fit.chi2 < LOOSE * c.fit.n_residuals]
     few = _fitted(bench, base, rules, few, (bench.last,), None)
     few = [c for c in few if c.fit is not None and is_noise_alone(c.fit)]
+    if close and not few:
+        rich = _fitted(bench, base, rules, next_richer(close[0], ranked), (least,), (LATER, ROUGH))[:LAST]
+        rich = _fitted(bench, base, rules, rich, (bench.last,), None)
+        few = [c for c in rich if c.fit is not None and is_noise_alone(c.fit)]
     few += _with_plainer(bench, base, rules, few, ranked)
     best = next((c for c in ranked[:1] if not c.why_not), None)
     good = [c for c in few if _is_better(c, best)]
@@ -106,6 +112,19 @@ def richer(couples: list[Couple], ranked: list[Candidate]) -> list[Couple]:
             if rich is not None and _roughly(rich, n) < _roughly(part, n) - MIN_BIC_GAIN:
                 values = {name: rich.begun[name] for name in rich.insertion.parameter_names}
                 found.append(Couple(rich, other, pair.predicted, {**pair.fit.point, **values}))
+    return found
+
+
+def next_richer(pair: Couple, ranked: list[Candidate]) -> list[Couple]:
+    """Return couples with each next richer law of a contact in the place of one, from where the couple was fitted."""
+    found: list[Couple] = []
+    for part, other in ((pair.one, pair.other), (pair.other, pair.one)):
+        plain = replace(part, fit=pair.fit)
+        laws = {c.insertion.prefix: c for c in ranked if holds(c, plain) and is_other_law(c, plain)}
+        for law in laws.values():
+            values = as_plain(law.insertion, plain)
+            point = {} if pair.fit is None else pair.fit.point
+            found.append(Couple(law, other, pair.predicted, {**point, **values}))
     return found
 
 
