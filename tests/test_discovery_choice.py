@@ -214,7 +214,8 @@ def test_a_couple_tries_the_next_richer_laws_of_its_contact_from_where_it_was_fi
     names_of_laws = ("stribeck_friction", "breakaway_friction", "linear_stiffness")
     ranked = [coulomb, load, *(fitted(name, 0.0, 9.0) for name in names_of_laws)]
     found = next_richer(Couple(coulomb, load, 9.0, {}, coulomb.fit), ranked)
-    assert {(c.one.insertion.card.id, c.other) for c in found} == {(name, load) for name in names_of_laws[:2]}
+    assert {c.one.insertion.card.id for c in found} == set(names_of_laws[:2])
+    assert all(c.other is load for c in found)
     assert all(c.parameters[f"{c.one.insertion.prefix}.tau_c"] == 0.4 for c in found)
 
 
@@ -321,7 +322,7 @@ def test_a_plainer_law_takes_the_place_of_one_that_is_better_by_no_more_than_sha
 ):
     values = {"tau_c_pos": 0.5, "tau_c_neg": 0.3, "d_pos": 0.0, "d_neg": 0.0}
     rich, load = fitted("asymmetric_friction", 9.0, 1.0, **values), fitted("constant_load", 9.0, 1.0)
-    coulomb = fitted("coulomb_friction", 9.0, 1.0, tau_c=0.4)
+    coulomb = fitted("coulomb_friction", 9.0, 1e9, tau_c=0.4)
     n = rich.fit.n_residuals
     both = replace(rich.fit, chi2=5.0 * n)
 

@@ -68,8 +68,8 @@ def plain(
     """Put a plainer law, of those tried, in the place of each that contains it, if beside the others it does as well.
 
     Where the richer one leaves more than noise too, it does so if it leaves no more than laws may be wrong by, and much
-    less than the last effect explains, before which chi2 was `left`. It begins as the richer one was fitted: from its
-    own start it may not have come so far.
+    less than the last effect explains, before which chi2 was `left`. It begins as the richer one was fitted, if its own
+    fit beside the others did not go further.
     """
     for old in list(steps):
         rich = replace(old.candidate, fit=base.fit)
@@ -83,6 +83,8 @@ def plain(
                 fit = bench.fit(together, {**base.fit.point, **values}, (bench.last,), rules.sd, patient=False)
             except SolverError:
                 continue
+            if law.fit is not None and law.fit.values.keys() == fit.values.keys() and law.fit.chi2 < fit.chi2:
+                fit = law.fit
             if bench.contradiction(law.insertion, fit.values):
                 continue
             if bic(fit) - bic(base.fit) >= NEAR and not _is_shapeless(bench, base, others, fit, rules, left):
