@@ -10,7 +10,7 @@ import numpy as np
 
 from cartpend_dae.discover.attempts import kept
 from cartpend_dae.discover.bases import base_of, fit_base
-from cartpend_dae.discover.choice import ALIKE, NEAR, contains, step_of
+from cartpend_dae.discover.choice import ALIKE, NEAR, SHAPE, SIMPLER, contains, step_of
 from cartpend_dae.discover.disturbed import is_composite
 from cartpend_dae.discover.evidence import bic
 from cartpend_dae.discover.gate import is_noise_alone, residuals
@@ -79,12 +79,13 @@ def _whole(
     least = bench.last or min(w for w in rules.stages if w > 0)
     few = _fitted(bench, base, rules, few, (least,), (LATER, ROUGH))[:LAST]
     close = [c for c in few[:1] if c.fit is not None and c.fit.chi2 < LOOSE * c.fit.n_residuals]
-    few = _fitted(bench, base, rules, few, (bench.last,), None)
-    few = [c for c in few if c.fit is not None and is_noise_alone(c.fit)]
+    last = _fitted(bench, base, rules, few, (bench.last,), None)
+    few = [c for c in last if c.fit is not None and is_noise_alone(c.fit)]
     if close and not few:
         rich = _fitted(bench, base, rules, next_richer(close[0], ranked), (least,), (LATER, ROUGH))[:LAST]
         rich = _fitted(bench, base, rules, rich, (bench.last,), None)
         few = [c for c in rich if c.fit is not None and is_noise_alone(c.fit)]
+    few = few or [c for c in last[:1] if c.fit is not None and is_left_to_shape(base.bare, c.fit)]
     few += _with_plainer(bench, base, rules, few, ranked)
     best = next((c for c in ranked[:1] if not c.why_not), None)
     good = [c for c in few if _is_better(c, best)]
@@ -148,7 +149,8 @@ def _with_plainer(
 ) -> list[Couple]:
     """Return couples in which a plainer law does as well in the place of one that contains it.
 
-    Beside the other effect it may, though alone it promised nothing.
+    Beside the other effect it may, though alone it promised nothing. Where both leave more than noise, it need not do
+    better than laws may be wrong by.
     """
     found: list[Couple] = []
     for pair in couples[:1]:
@@ -160,8 +162,21 @@ def _with_plainer(
             able += [Couple(c, other, pair.predicted, {**pair.fit.point, **values}) for c, values in told]
         able = [c for c in able if c.n_parameters < pair.n_parameters]
         fitted = _fitted(bench, base, rules, able, (bench.last,), None) if able else []
-        found += [c for c in fitted if c.fit is not None and bic(c.fit) < bic(pair.fit) + NEAR]
-    return [c for c in found if c.fit is not None and is_noise_alone(c.fit)]
+        if is_noise_alone(pair.fit):
+            found += [c for c in fitted if c.fit and bic(c.fit) < bic(pair.fit) + NEAR and is_noise_alone(c.fit)]
+        else:
+            found += [c for c in fitted if _is_shapeless(bench, base, rules, c, pair)]
+    return found
+
+
+def _is_shapeless(bench: Workbench, base: Base, rules: Rules, plain: Couple, rich: Couple) -> bool:
+    """Return whether a couple with a plainer law leaves no more than laws may be wrong by, beside a richer one."""
+    assert plain.fit is not None and rich.fit is not None
+    noise, more = rich.fit.n_residuals, plain.fit.chi2 - rich.fit.chi2
+    if plain.fit.chi2 - noise > SIMPLER * (rich.fit.chi2 - noise):
+        return False
+    without = fit_base(bench, (*base.taken, plain.other.insertion), plain.fit.point, rules).fit
+    return more < SHAPE * (without.chi2 - rich.fit.chi2)
 
 
 def _instead(
@@ -298,6 +313,8 @@ def _made(
         without = fit_base(bench, (*base.taken, rest.insertion), fit.point, rules).fit
         gain, share = bic(without) - bic(fit), (without.chi2 - fit.chi2) / max(base.bare - fit.chi2, 1e-300)
         is_shape = share < TOUCH and not is_plain and not is_far_from_noise(without, fit)
+        if not is_noise_alone(fit):
+            is_shape = share < SHAPE or fit.chi2 - fit.n_residuals > SHAPE * (without.chi2 - fit.chi2)
         if gain < MIN_BIC_GAIN and is_noise_alone(without):
             alone.append(as_fitted(rest, without, base.fit))
         elif gain < MIN_BIC_GAIN or is_shape:
