@@ -20,8 +20,13 @@ from cartpend_dae.discover.slopes import Along, Growth, Local, Slopes, Table, sl
 from cartpend_dae.effects import Insertion
 from cartpend_dae.effects.card import EffectParameter
 
-# phase over the way [rad] of the longest wave, from one wave number to the next, and the most of them
-LONGEST, FINE, MOST = 4.0, 1.2, 300
+# phase over the way [rad] of the longest wave, and from one wave number to the next, which is half of what makes a wave
+# orthogonal to another; how many of them, and so many parts of a step are tried about the best one
+LONGEST, COARSE, WAVES, PARTS = 4.0, 2.0, 180, 4
+# so many instants are tried at first, and then all those about the best one
+MOST = 300
+# the most teeth; and so many numbers of them are promising
+TEETH, PROMISING = 72, 2
 # other shapes are tried at so many values, from the least it starts from over this factor to the largest times it
 VALUES, SPAN = 24, 8.0
 # values that are followed at once, which bounds the memory; and that one function is made for
@@ -31,6 +36,8 @@ TOGETHER, ABREAST = 50, 8
 KNOWN, NO_STEP = 1.5, 1e-9
 # directions that sizes move less than this share of the strongest are none
 FLAT = 1e-8
+# squares that are left of a column beside what is fitted already are rounding below this share of its own
+ROUNDED = 1e-12
 
 
 @dataclass(frozen=True)
@@ -54,9 +61,10 @@ class Scan:
     residual: np.ndarray
     basis: np.ndarray
 
-    def across(self, columns: np.ndarray) -> np.ndarray:
-        """Return columns without what is fitted already."""
-        return columns - self.basis @ (self.basis.T @ columns)
+    @cached_property
+    def left(self) -> np.ndarray:
+        """What is fitted already leaves so much of the residual, (n_measured,)."""
+        return self.residual - self.basis @ (self.basis.T @ self.residual)
 
     @cached_property
     def through(self) -> np.ndarray:
@@ -65,39 +73,49 @@ class Scan:
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
-def best_shape(option: Insertion, scan: Scan) -> dict[str, float]:
-    """Return the shape with which an effect promises most: its wave number, its instant or its only one, by name.
+def best_shapes(option: Insertion, scan: Scan) -> tuple[dict[str, float], ...]:
+    """Return the shapes with which an effect promises most, the best first: by name its wave number, instant or such.
 
-    Beside it is what the record itself says, such as the step in which it stands.
-
-    It is empty if the effect has no shape, or several, or a memory, or is not at the first start of its shape.
+    There is one, or `PROMISING` numbers of teeth, of which one may be a multiple of another. Beside it is what the
+    record itself says, such as the step in which it stands. There is none if the effect has no shape, or several, or a
+    memory, or is not at the first start of its shape.
     """
     item = _tried(option, scan.along)
     numbers = np.zeros(0) if item is None else _numbers(item, option, scan.along)
     if item is None or not numbers.size:
-        return {}
+        return ()
     name = item.names[option.place.kind]
     first = item.starts_at(option.place.kind)[0]
     if option.values.get(name, first) != first:
-        return {}
+        return ()
     law = _Law(option, name, scan)
-    coarse = numbers[:: -(-numbers.size // MOST)]
-    best, gain = _best(law, coarse, scan)
-    if coarse.size < numbers.size:
-        near = np.searchsorted(numbers, coarse[max(best - 1, 0) : best + 2])
-        coarse = numbers[near[0] : near[-1] + 1]
-        best, gain = _best(law, coarse, scan)
-    return {name: float(coarse[best])} | _read(option, scan.along) if gain > 0 else {}
+    tried = numbers if item.role == "teeth" else numbers[:: -(-numbers.size // MOST)]
+    gains = _gains(law, tried, scan)
+    near = _between(tried, int(np.argmax(gains)), numbers, item)
+    if near.size:
+        tried, gains = near, _gains(law, near, scan)
+    best = np.argsort(-gains, kind="stable")[: PROMISING if item.role == "teeth" else 1]
+    return tuple({name: float(tried[k])} | _read(option, scan.along) for k in best if gains[k] > 0)
 
 
-def _best(law: "_Law", numbers: np.ndarray, scan: Scan) -> tuple[int, float]:
-    """Return which number explains most, and what it explains."""
-    left, gains = scan.across(scan.residual), []
+def _between(coarse: np.ndarray, best: int, numbers: np.ndarray, item: EffectParameter) -> np.ndarray:
+    """Return what to try about the best of the numbers that were tried, with that one; empty if that was all."""
+    about = coarse[max(best - 1, 0) : best + 2]
+    if item.role == "wave" and about.size > 1:
+        return np.interp(np.arange(PARTS * (about.size - 1) + 1) / PARTS, np.arange(about.size), about)
+    if coarse.size == numbers.size:
+        return np.zeros(0)
+    first, last = np.searchsorted(numbers, about[[0, -1]])
+    return numbers[first : last + 1]
+
+
+def _gains(law: "_Law", numbers: np.ndarray, scan: Scan) -> np.ndarray:
+    """Return what each number explains."""
+    gains: list[float] = []
     for part in np.array_split(numbers, -(-numbers.size // TOGETHER)):
-        columns = scan.across(_columns(law.growth(part), scan))
-        gains += [_explained(one, left) for one in np.split(columns, part.size, axis=1)]
-    best = int(np.argmax(gains))
-    return best, gains[best]
+        columns = _columns(law.growth(part), scan)
+        gains += _explained(columns, part.size, scan)
+    return np.array(gains)
 
 
 def _read(option: Insertion, along: Along) -> dict[str, float]:
@@ -119,7 +137,7 @@ def _read(option: Insertion, along: Along) -> dict[str, float]:
 
 def _tried(option: Insertion, along: Along) -> EffectParameter | None:
     items = option.card.parameters
-    waves = [item for item in items if item.role in ("wave", "instant")]
+    waves = [item for item in items if item.role in ("wave", "instant", "teeth")]
     shapes = [item for item in items if item.role == "shape"]
     if waves:
         return waves[0]
@@ -132,6 +150,8 @@ def _tried(option: Insertion, along: Along) -> EffectParameter | None:
 def _numbers(item: EffectParameter, option: Insertion, along: Along) -> np.ndarray:
     """Return what to try within the parameter's bounds: wave numbers that the way tells apart; empty if none moves."""
     kind = option.place.kind
+    if item.role == "teeth":
+        return np.arange(item.lower, TEETH + 1)
     if item.role == "shape":
         starts = item.starts_at(kind)
         return np.clip(np.geomspace(min(starts) / SPAN, max(starts) * SPAN, VALUES), *item.bounds_at(kind))
@@ -145,7 +165,7 @@ def _numbers(item: EffectParameter, option: Insertion, along: Along) -> np.ndarr
     low, high = item.bounds_at(kind)
     if not (np.isfinite(way) and way > 0):
         return np.zeros(0)
-    found = (LONGEST + FINE * np.arange(MOST)) / way
+    found = (LONGEST + COARSE * np.arange(WAVES)) / way
     return found[(found >= low) & (found <= high)]
 
 
@@ -183,33 +203,42 @@ class _Law:
         full = np.pad(numbers, (0, -numbers.size % ABREAST), mode="edge")
         values = [self.table.before(part) for part in np.split(full, full.size // ABREAST)]
         found = np.concatenate(values, axis=2)[:, :, : numbers.size * width]
-        left = found[:, :n_rows] - self.scan.through[:, :, self.hidden] @ found[:, n_rows:]
+        left = found[:, :n_rows]
+        for k, row in enumerate(self.hidden):  # one product after the other: numpy is slow at many small matrices
+            left = left - self.scan.through[:, :, row, None] * found[:, n_rows + k, None, :]
         right = np.concatenate([left[1:], left[-1:]])
         return Growth(left[:, :n_own], right[:, :n_own], left[:, n_own:]).where_finite()
 
 
 def _columns(growth: Growth, scan: Scan) -> np.ndarray:
-    """Return what is changed of the residuals, carried along the samples, (n_measured, n_columns)."""
+    """Return what is changed of the residuals, carried along the samples, (n_columns, n_measured)."""
     along, local = scan.along, scan.local
     layout, data, n_y = along.problem.layout, along.data, len(along.problem.outputs)
     weight = data[-n_y:].T
     moved = growth.moved(local, data[1]) - local.measured @ growth.outputs
     begins = {segment * layout.length for segment in layout.first}
     n, n_state, m = moved.shape
-    columns, eta = np.empty((n, n_y, m)), np.zeros((n_state, m))
+    states = np.empty((n, n_state, m))
+    eta = np.zeros((n_state, m))
     for k in range(n):
         if k in begins:
             eta = np.zeros((n_state, m))
-        columns[k] = local.error[k] @ eta
+        states[k] = eta
         eta = local.transition[k] @ eta + moved[k]
-    columns -= growth.outputs * weight[:, :, None]
-    return columns[weight > 0]
+    columns = local.error @ states - growth.outputs * weight[:, :, None]
+    return np.ascontiguousarray(columns[weight > 0].T)
 
 
-def _explained(columns: np.ndarray, left: np.ndarray) -> float:
-    """Return the squares of a residual that columns explain; 0 where they are lost."""
-    if not np.all(np.isfinite(columns)):
-        return 0.0
-    values, vectors = np.linalg.eigh(columns.T @ columns)
-    good = values > FLAT * values.max(initial=0.0)
-    return float(np.sum((vectors[:, good].T @ (columns.T @ left)) ** 2 / values[good])) if good.any() else 0.0
+@np.errstate(over="ignore", invalid="ignore")
+def _explained(columns: np.ndarray, n_numbers: int, scan: Scan) -> list[float]:
+    """Return the squares of the residual that the columns of each number explain besides what is fitted; 0 if lost."""
+    each = columns.reshape(n_numbers, columns.shape[0] // n_numbers, -1)
+    seen, pulls = each @ scan.basis, each @ scan.left
+    own = each @ each.transpose(0, 2, 1)
+    gram = own - seen @ seen.transpose(0, 2, 1)
+    gains = np.zeros(n_numbers)
+    for k in np.flatnonzero(np.isfinite(gram).all(axis=(1, 2)) & np.isfinite(pulls).all(axis=1)):
+        values, vectors = np.linalg.eigh(gram[k])
+        good = values > max(FLAT * values.max(), ROUNDED * float(np.trace(own[k])))
+        gains[k] = np.sum((vectors[:, good].T @ pulls[k]) ** 2 / values[good])
+    return gains.tolist()

@@ -3,6 +3,7 @@
 import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -165,7 +166,10 @@ def _swept(
     done = list(in_parallel(lambda batch: _screened(at, batch, with_shapes), batches, jobs=jobs))
     alone = [option for _, _, options in done for option in options]
     pairs = [pair for found, _, _ in done for pair in found]
-    pairs += in_parallel(lambda option: _alone(at, option), alone, jobs=jobs)
+    alike: dict[str, list[Insertion]] = {}
+    for option in alone:
+        alike.setdefault(_problem_of(option), []).append(option)
+    pairs += chain.from_iterable(in_parallel(lambda these: _alone(at, these), list(alike.values()), jobs=jobs))
     return pairs, [option for _, options, _ in done for option in options]
 
 
@@ -279,8 +283,7 @@ def _screened(
         found = at.sweep(batch, with_shapes)
     except (SolverError, ModelError) as error:
         if len(batch) == 1:
-            why = f"it cannot be tried: {error}"
-            return [(Candidate(batch[0], batch[0].starts, 0.0, 0.0, 0.0, None, why), {})], [], []
+            return [_untried(batch[0], error)], [], []
         half = len(batch) // 2
         parts = [_screened(at, part, with_shapes) for part in (batch[:half], batch[half:])]
         return parts[0][0] + parts[1][0], parts[0][1] + parts[1][1], parts[0][2] + parts[1][2]
@@ -288,11 +291,30 @@ def _screened(
     return _predictions(smooth, found), list(found.again), [o for o in batch if o not in smooth]
 
 
-def _alone(at: _At, option: Insertion) -> _Judged:
+def _problem_of(option: Insertion) -> str:
+    """Return what the problem of an effect depends on: all but the wave number from which it starts."""
+    kind = option.place.kind
+    waves = {item.names[kind] for item in option.card.parameters if item.role == "wave"}
+    return str((option.prefix, {name: value for name, value in option.values.items() if name not in waves}))
+
+
+def _alone(at: _At, options: list[Insertion]) -> list[_Judged]:
+    """Judge options that have one problem, each from where it starts."""
     try:
-        return _predictions((option,), at.alone(option))[0]
+        problem = at.problem(options[0])
     except (SolverError, ModelError) as error:
-        return Candidate(option, option.starts, 0.0, 0.0, 0.0, None, f"it cannot be tried: {error}"), {}
+        return [_untried(option, error) for option in options]
+    found: list[_Judged] = []
+    for option in options:
+        try:
+            found += _predictions((option,), at.alone(option, option.starts, problem))
+        except (SolverError, ModelError) as error:
+            found.append(_untried(option, error))
+    return found
+
+
+def _untried(option: Insertion, error: Exception) -> _Judged:
+    return Candidate(option, option.starts, 0.0, 0.0, 0.0, None, f"it cannot be tried: {error}"), {}
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")

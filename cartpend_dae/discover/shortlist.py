@@ -10,6 +10,8 @@ from cartpend_dae.discover.records import Candidate
 # others are fitted as well where their prediction is behind by less than this share, be it that of the same
 # effect elsewhere: it is made with their shapes as they are at first; so many of them
 CLOSE, AS_WELL = 0.5, 10
+# roles of what is tried at several values and not estimated
+TRIED = ("choice", "teeth")
 # an effect that does several things at once is fitted at so many places at first
 PLACES = 2
 
@@ -81,5 +83,5 @@ def best_of_each(judged: list[Candidate], criterion: Callable[[Candidate], float
 def chosen(candidate: Candidate) -> dict[str, float]:
     """Return the values of what is tried and not estimated, as the approximation of a delay."""
     insertion = candidate.insertion
-    names = {item.names[insertion.place.kind] for item in insertion.card.parameters if item.role == "choice"}
+    names = {item.names[insertion.place.kind] for item in insertion.card.parameters if item.role in TRIED}
     return {name: value for name, value in insertion.values.items() if name in names}

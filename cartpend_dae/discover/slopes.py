@@ -97,10 +97,10 @@ class Growth:
     def where_finite(self) -> "Growth":
         """Return the same with zeros for the sizes whose effects are lost somewhere."""
         parts = (self.left, self.right, self.outputs)
-        lost = ~np.all(
-            [np.isfinite(part).all(axis=(0, 1)) & (np.abs(part) < LOST).all(axis=(0, 1)) for part in parts], axis=0
-        )
-        return Growth(*(np.where(lost, 0.0, part) for part in parts))
+        with np.errstate(invalid="ignore"):
+            # not a number is not less than anything
+            kept = np.all([(np.abs(part) < LOST).all(axis=(0, 1)) for part in parts], axis=0)
+        return self if kept.all() else Growth(*(np.where(kept, part, 0.0) for part in parts))
 
 
 @dataclass(frozen=True)

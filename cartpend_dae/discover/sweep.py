@@ -16,7 +16,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from cartpend_dae.continuous import without_events
-from cartpend_dae.discover.scan import Scan, best_shape
+from cartpend_dae.discover.scan import Scan, best_shapes
 from cartpend_dae.discover.slopes import (
     LOST,
     Along,
@@ -93,7 +93,7 @@ def sweep(
     sd
         Noise used as weight, shape (n_y,).
     with_shapes
-        Look for the most promising shapes as well; see `best_shape`.
+        Look for the most promising shapes as well; see `best_shapes`.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def sweep(
     again: tuple[Insertion, ...] = ()
     if with_shapes:
         scan = Scan(along, local, found.residual, basis_of(base))
-        again = tuple(replace(o, values={**o.values, **shape}) for o in options if (shape := best_shape(o, scan)))
+        again = tuple(replace(o, values={**o.values, **shape}) for o in options for shape in best_shapes(o, scan))
     return replace(found, base=base, sizes={name: found.sizes[name] for name in smooth}, again=again)
 
 

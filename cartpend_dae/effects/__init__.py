@@ -1,6 +1,17 @@
 """The catalogue of effects that a model can lack, and their insertion into any model."""
 
-from cartpend_dae.effects.card import Card, EffectParameter, choice, instant, level, shape, size, step, wave_number
+from cartpend_dae.effects.card import (
+    Card,
+    EffectParameter,
+    choice,
+    instant,
+    level,
+    shape,
+    size,
+    step,
+    teeth,
+    wave_number,
+)
 from cartpend_dae.effects.catalogue import catalogue
 from cartpend_dae.effects.insert import Insertion, insert, insert_all, insertion_at
 from cartpend_dae.effects.places import Place, fits, places
@@ -22,5 +33,6 @@ __all__ = [
     "shape",
     "size",
     "step",
+    "teeth",
     "wave_number",
 ]

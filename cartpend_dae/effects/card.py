@@ -12,9 +12,9 @@ from cartpend_dae.library import electrical, rotational, translational
 
 Kind = type[Port] | None
 Manner = Literal["parallel", "series", "law", "sensor", "input", "clock"]
-Role = Literal["size", "shape", "wave", "choice", "step", "instant"]
+Role = Literal["size", "shape", "wave", "choice", "teeth", "step", "instant"]
 # what is tried or read from a record, and not estimated
-GIVEN: frozenset[Role] = frozenset({"choice", "step", "instant"})
+GIVEN: frozenset[Role] = frozenset({"choice", "teeth", "step", "instant"})
 
 R, T, E = rotational.Flange, translational.Flange, electrical.Pin
 KINDS: tuple[Kind, ...] = (R, T, E, None)
@@ -30,8 +30,9 @@ class EffectParameter:
 
     A `size` starts at 0, where the effect is absent. A `shape` has no meaning there, and starts at each of its
     values in turn. A `wave` is the wave number of an effect that repeats along the way: a shape of which many more are
-    tried. A `choice` is a structural number, such as that of teeth: it is tried, and not estimated. A `step` is that in
-    which a record stands, which is read there; an `instant` is a time, of which each sample's is tried.
+    tried. A `choice` is a structural number: it is tried, and not estimated; that of `teeth` is a whole one, of which
+    all are tried. A `step` is that in which a record stands, which is read there; an `instant` is a time, of which each
+    sample's is tried.
     """
 
     names: Mapping[Kind, str]
@@ -174,6 +175,11 @@ def choice(
     """Return a parameter that is tried at each of its values and not estimated."""
     other, values = at_point or (name, starts)
     return EffectParameter(_names(name, other), -np.inf, np.inf, "choice", _starts(starts, values))
+
+
+def teeth(name: str, fewest: int) -> EffectParameter:
+    """Return a whole number of periods per turn, `fewest` or more, of which all are tried and none is estimated."""
+    return replace(choice(name, (float(fewest),)), role="teeth", lower=float(fewest))
 
 
 def step(name: str, default: float) -> EffectParameter:

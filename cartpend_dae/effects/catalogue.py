@@ -1,5 +1,6 @@
 """The effects that `discover` tries."""
 
+from functools import cache
 from pathlib import Path
 
 from cartpend_dae.effects.card import Card
@@ -32,6 +33,16 @@ def catalogue(*files: Path | str) -> tuple[Card, ...]:
     ModelError
         If a file has no card.
     """
+    found = list(_own())
+    for file in files:
+        own = cards_of(Path(file))
+        found = [card for card in found if all(card.id != other.id for other in own)] + list(own)
+    return tuple(sorted(found, key=lambda card: (len(card.parameters), card.id)))
+
+
+@cache
+def _own() -> tuple[Card, ...]:
+    """Return the cards of the package."""
     groups = (
         friction_cards(),
         elastic_cards(),
@@ -42,11 +53,7 @@ def catalogue(*files: Path | str) -> tuple[Card, ...]:
         sensor_cards(),
         input_cards(),
     )
-    found = [card for group in groups for card in group]
-    for file in files:
-        own = cards_of(Path(file))
-        found = [card for card in found if all(card.id != other.id for other in own)] + list(own)
-    return tuple(sorted(found, key=lambda card: (len(card.parameters), card.id)))
+    return tuple(card for group in groups for card in group)
 
 
 def cards_of(file: Path) -> tuple[Card, ...]:

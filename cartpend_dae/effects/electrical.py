@@ -1,6 +1,6 @@
 """What the circuit of a drive can have unnoticed."""
 
-from cartpend_dae.effects.card import Card, E, choice, level, shape, size
+from cartpend_dae.effects.card import Card, E, level, shape, size, teeth
 from cartpend_dae.library import electrical, electrical_losses
 
 
@@ -41,8 +41,9 @@ def electrical_cards() -> tuple[Card, ...]:
             parameters=(
                 size("a_sin", lower=-1.0, upper=1.0),
                 size("a_cos", lower=-1.0, upper=1.0),
-                choice("n", (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 12.0)),
+                teeth("n", 2),
             ),
+            along={None: "phi"},
             dissipative=False,
             nested_in=(),
             equivalent_to={},

@@ -1,6 +1,6 @@
 """Forces and torques from outside."""
 
-from cartpend_dae.effects.card import Card, R, T, choice, level, size, wave_number
+from cartpend_dae.effects.card import Card, R, T, level, size, teeth, wave_number
 from cartpend_dae.library import rotational, rotational_loads, rotational_losses, translational, translational_loads
 
 
@@ -47,8 +47,9 @@ def load_cards() -> tuple[Card, ...]:
                 size("tau_k_cos"),
                 size("tau_k_2_sin"),
                 size("tau_k_2_cos"),
-                choice("n", (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 12.0, 24.0)),
+                teeth("n", 2),
             ),
+            along={R: "phi_rel"},
             dissipative=False,
             nested_in=(),
             equivalent_to={},
