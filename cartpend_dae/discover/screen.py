@@ -8,7 +8,7 @@ from itertools import chain
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from cartpend_dae.discover.disturbed import predictions
+from cartpend_dae.discover.disturbed import is_composite, predictions
 from cartpend_dae.discover.records import Candidate, Prediction
 from cartpend_dae.discover.slopes import basis_of
 from cartpend_dae.discover.sweep import Sweep, alone_with, one_by_one, sweep
@@ -27,6 +27,10 @@ NEAR = 0.8
 # where no effect promises this share of what is left, sizes are tried: so many times the one that moves as much
 ENOUGH = 0.5
 PROBES = (0.3, 1.0, 3.0)
+# what promises less than this share of the best is not judged alone, if it is a wave or does several
+# things at once: their predictions hold even where they change between two samples (of 300, three were a third of what
+# they are alone, and none less)
+SLIGHT = 0.02
 
 
 def candidates(cards: tuple[Card, ...], places: tuple[Place, ...], taken: tuple[Insertion, ...]) -> list[Insertion]:
@@ -140,14 +144,15 @@ def _promise(at: "_At", batch: tuple[Insertion, ...]) -> float:
         found = at.sweep(batch, False)
     except (SolverError, ModelError):
         return 0.0
-    smooth = tuple(option for option in batch if all(name in found.sizes for name in option.size_names))
+    smooth = tuple(option for option in batch if found.rough.isdisjoint(option.size_names))
     return max((c.predicted for c, _ in _predictions(smooth, found) if not c.why_not), default=0.0)
 
 
 def _kept(at: "_At", options: list[Insertion]) -> list[Prediction]:
     """Screen all, as it can be kept on disk."""
-    pairs, again = _swept(at, _batches(options), with_shapes=True)
-    pairs += _swept(at, _batches(again), with_shapes=False)[0]
+    done = _swept(at, _batches(options), with_shapes=True)
+    again = [option for batch in done for option in batch.again]
+    pairs = _settled(at, [*done, *_swept(at, _batches(again), with_shapes=False)])
     named = {option.prefix: k for k, option in enumerate(options)}
     found = _probed(at, pairs) if at.weighed is None else predictions(pairs, at.weighed)
     return [
@@ -158,19 +163,31 @@ def _kept(at: "_At", options: list[Insertion]) -> list[Prediction]:
     ]
 
 
-def _swept(
-    at: "_At", batches: list[tuple[Insertion, ...]], *, with_shapes: bool
-) -> tuple[list["_Judged"], list[Insertion]]:
-    """Judge each batch together, then those too fast for that alone; return also those of better shapes."""
-    jobs = at.bench.jobs
-    done = list(in_parallel(lambda batch: _screened(at, batch, with_shapes), batches, jobs=jobs))
-    alone = [option for _, _, options in done for option in options]
-    pairs = [pair for found, _, _ in done for pair in found]
+def _swept(at: "_At", batches: list[tuple[Insertion, ...]], *, with_shapes: bool) -> list["_Batch"]:
+    return list(in_parallel(lambda batch: _screened(at, batch, with_shapes), batches, jobs=at.bench.jobs))
+
+
+def _settled(at: "_At", done: list["_Batch"]) -> list["_Judged"]:
+    """Return what was judged in batches, where those too fast for that are judged alone."""
+    least = SLIGHT * max((c.predicted for batch in done for c, _ in batch.judged), default=0.0)
+    kept: list[_Judged] = []
     alike: dict[str, list[Insertion]] = {}
-    for option in alone:
-        alike.setdefault(_problem_of(option), []).append(option)
-    pairs += chain.from_iterable(in_parallel(lambda these: _alone(at, these), list(alike.values()), jobs=jobs))
-    return pairs, [option for _, options, _ in done for option in options]
+    for batch in done:
+        for pair in batch.judged:
+            candidate, _ = pair
+            is_fast = not batch.rough.isdisjoint(candidate.insertion.size_names)
+            if is_fast and not (_is_followed(candidate) and candidate.predicted < least):
+                alike.setdefault(_problem_of(candidate.insertion), []).append(candidate.insertion)
+            else:
+                kept.append(pair)
+    alone = in_parallel(lambda these: _alone(at, these), list(alike.values()), jobs=at.bench.jobs)
+    return [*kept, *chain.from_iterable(alone)]
+
+
+def _is_followed(candidate: Candidate) -> bool:
+    """Return whether a prediction holds even for what changes between two samples."""
+    insertion = candidate.insertion
+    return any(item.role in ("wave", "teeth") for item in insertion.card.parameters) or is_composite(insertion)
 
 
 def _probed(at: "_At", pairs: list["_Judged"]) -> list[Candidate]:
@@ -271,24 +288,29 @@ class _At:
 _Judged = tuple[Candidate, Mapping[str, np.ndarray]]
 
 
-def _screened(
-    at: _At, batch: tuple[Insertion, ...], with_shapes: bool
-) -> tuple[list[_Judged], list[Insertion], list[Insertion]]:
-    """Judge a batch together, and halves where something cannot be simulated.
+@dataclass(frozen=True, slots=True)
+class _Batch:
+    """What was judged together: each candidate and what its sizes change, by name; sizes that are too `rough` for that.
 
-    With each candidate goes what its sizes change, by name. Beside them are those of better shapes, and those too fast
-    to be judged so.
+    `again` are effects from better shapes.
     """
+
+    judged: list[_Judged]
+    again: tuple[Insertion, ...] = ()
+    rough: frozenset[str] = frozenset()
+
+
+def _screened(at: _At, batch: tuple[Insertion, ...], with_shapes: bool) -> _Batch:
+    """Judge a batch together, and halves where something cannot be simulated."""
     try:
         found = at.sweep(batch, with_shapes)
     except (SolverError, ModelError) as error:
         if len(batch) == 1:
-            return [_untried(batch[0], error)], [], []
+            return _Batch([_untried(batch[0], error)])
         half = len(batch) // 2
-        parts = [_screened(at, part, with_shapes) for part in (batch[:half], batch[half:])]
-        return parts[0][0] + parts[1][0], parts[0][1] + parts[1][1], parts[0][2] + parts[1][2]
-    smooth = tuple(option for option in batch if all(name in found.sizes for name in option.size_names))
-    return _predictions(smooth, found), list(found.again), [o for o in batch if o not in smooth]
+        one, other = (_screened(at, part, with_shapes) for part in (batch[:half], batch[half:]))
+        return _Batch(one.judged + other.judged, one.again + other.again, one.rough | other.rough)
+    return _Batch(_predictions(batch, found), found.again, found.rough)
 
 
 def _problem_of(option: Insertion) -> str:

@@ -54,7 +54,7 @@ SAME = 0.1
 class Sweep:
     """Weighted residuals (n,), their derivatives in what is fitted already (n, n_base), and in each size (n,).
 
-    Sizes of effects that change too much between samples to be followed so are missing. The `chain` has all sizes as
+    Sizes of effects that change too much between samples to be followed so are `rough`. The `chain` has all sizes as
     forces; None where effects were judged alone. `again` are effects from better shapes.
     """
 
@@ -63,6 +63,7 @@ class Sweep:
     sizes: dict[str, np.ndarray]
     chain: Chain | None = None
     again: tuple[Insertion, ...] = ()
+    rough: frozenset[str] = frozenset()
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
@@ -128,7 +129,7 @@ def sweep(
         free = local_slopes(problem, loose, inside, values, w, data, states)
         free = _stuck_where(_rests(problem, data), local, free)
     found = _gathered(problem, values, (local, free), growth, residual, inside, (*names, *fitted), data)
-    smooth = [name for name, is_rough in zip(names, roughness(growth) > ROUGH, strict=False) if not is_rough]
+    rough = frozenset(name for name, ratio in zip(names, roughness(growth), strict=False) if ratio > ROUGH)
     base = found.base.copy()
     for i, item in enumerate(problem.layout.free):
         column = found.sizes.get(item.name, np.zeros(0)) * item.slope(values[i])
@@ -138,7 +139,7 @@ def sweep(
     if with_shapes:
         scan = Scan(along, local, found.residual, basis_of(base))
         again = tuple(replace(o, values={**o.values, **shape}) for o in options for shape in best_shapes(o, scan))
-    return replace(found, base=base, sizes={name: found.sizes[name] for name in smooth}, again=again)
+    return replace(found, base=base, sizes={name: found.sizes[name] for name in names}, again=again, rough=rough)
 
 
 def _sliding(system: System, mine: list[int], *, is_felt: bool = True) -> System:
