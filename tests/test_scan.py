@@ -80,3 +80,21 @@ def test_a_wave_number_is_found_by_the_screen():
     assert candidate.insertion.values["k"] == pytest.approx(71.0, rel=0.08)
     size = np.hypot(*(candidate.parameters[f"rail.rail_unevenness.{name}"] for name in ("f_sin", "f_cos")))
     assert size == pytest.approx(np.hypot(0.3, 0.2), rel=0.3)
+
+
+def test_the_number_of_teeth_is_found_whatever_it_is():
+    model, hidden = RotaDamp(), {"tau_k_sin": 0.004, "tau_k_cos": 0.003, "n": 11.0}
+    run = simulate(insert(model, "cogging", "bearing", **hidden), 6.0, points=601, start={"bearing.phi": 1.0})
+    noisy = run["bearing.phi"] + 1e-5 * np.random.default_rng(0).standard_normal(run.time.size)
+    begin = {"bearing.phi": Start(1.0, False), "bearing.w": Start(0.0, False)}
+    channels = {"bearing.phi": Channel(noisy, "zoh", 1e-5, "rad", 0.0)}
+    experiment = Experiment("run", "train", run.time, {}, channels, begin, "free", None)
+    bench = Workbench(Setup(model, (FreeSpec("bearing.d"),), (experiment,), (), ()), lambda *_: None)
+    option = insertion_at(model, "cogging", "bearing", {"n": 2.0})
+    first, second = sweep(bench, (), (option,), {}, 20.0, bench.problem(()).prior_sd, with_shapes=True).again
+    assert first.values["n"] == 11.0
+    assert second.values["n"] != 11.0
+    (candidate,) = screen(bench, (), {}, [option], 20.0, bench.problem(()).prior_sd)
+    assert candidate.insertion.values["n"] == 11.0
+    amplitudes = [candidate.parameters[f"bearing.cogging.tau_k_{name}"] for name in ("sin", "cos")]
+    assert amplitudes == pytest.approx([0.004, 0.003], rel=0.1)  # to first order of the effect

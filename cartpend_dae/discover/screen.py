@@ -144,7 +144,7 @@ def _promise(at: "_At", batch: tuple[Insertion, ...]) -> float:
         found = at.sweep(batch, False)
     except (SolverError, ModelError):
         return 0.0
-    smooth = tuple(option for option in batch if found.rough.isdisjoint(option.size_names))
+    smooth = tuple(option for option in batch if all(name in found.sizes for name in option.size_names))
     return max((c.predicted for c, _ in _predictions(smooth, found) if not c.why_not), default=0.0)
 
 
@@ -310,7 +310,8 @@ def _screened(at: _At, batch: tuple[Insertion, ...], with_shapes: bool) -> _Batc
         half = len(batch) // 2
         one, other = (_screened(at, part, with_shapes) for part in (batch[:half], batch[half:]))
         return _Batch(one.judged + other.judged, one.again + other.again, one.rough | other.rough)
-    return _Batch(_predictions(batch, found), found.again, found.rough)
+    whole = replace(found, sizes={**found.sizes, **found.rough})
+    return _Batch(_predictions(batch, whole), found.again, frozenset(found.rough))
 
 
 def _problem_of(option: Insertion) -> str:

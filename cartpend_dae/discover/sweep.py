@@ -9,7 +9,7 @@ in which df/ds, for hundreds of effects, comes from as few adjoint directions as
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
@@ -54,8 +54,8 @@ SAME = 0.1
 class Sweep:
     """Weighted residuals (n,), their derivatives in what is fitted already (n, n_base), and in each size (n,).
 
-    Sizes of effects that change too much between samples to be followed so are `rough`. The `chain` has all sizes as
-    forces; None where effects were judged alone. `again` are effects from better shapes.
+    Sizes of effects that change too much between samples to be followed so are in `rough` instead. The `chain` has all
+    sizes as forces; None where effects were judged alone. `again` are effects from better shapes.
     """
 
     residual: np.ndarray
@@ -63,7 +63,7 @@ class Sweep:
     sizes: dict[str, np.ndarray]
     chain: Chain | None = None
     again: tuple[Insertion, ...] = ()
-    rough: frozenset[str] = frozenset()
+    rough: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
@@ -129,7 +129,9 @@ def sweep(
         free = local_slopes(problem, loose, inside, values, w, data, states)
         free = _stuck_where(_rests(problem, data), local, free)
     found = _gathered(problem, values, (local, free), growth, residual, inside, (*names, *fitted), data)
-    rough = frozenset(name for name, ratio in zip(names, roughness(growth), strict=False) if ratio > ROUGH)
+    sizes, rough = dict[str, np.ndarray](), dict[str, np.ndarray]()
+    for name, ratio in zip(names, roughness(growth), strict=False):
+        (rough if ratio > ROUGH else sizes)[name] = found.sizes[name]
     base = found.base.copy()
     for i, item in enumerate(problem.layout.free):
         column = found.sizes.get(item.name, np.zeros(0)) * item.slope(values[i])
@@ -139,7 +141,7 @@ def sweep(
     if with_shapes:
         scan = Scan(along, local, found.residual, basis_of(base))
         again = tuple(replace(o, values={**o.values, **shape}) for o in options for shape in best_shapes(o, scan))
-    return replace(found, base=base, sizes={name: found.sizes[name] for name in names}, again=again, rough=rough)
+    return replace(found, base=base, sizes=sizes, again=again, rough=rough)
 
 
 def _sliding(system: System, mine: list[int], *, is_felt: bool = True) -> System:
