@@ -1,6 +1,7 @@
 """Which of several fitted effects to take, on fits whose figures are made up."""
 
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -34,6 +35,9 @@ from cartpend_dae.uncertainty import Estimate
 from models.driven_cart import DrivenCart
 from models.linear_damp_mod import LinearDampMod
 from models.rota_damp import RotaDamp
+
+# the package has a function of this name
+searching = import_module("cartpend_dae.discover.search")
 
 
 @pytest.fixture(scope="module")
@@ -434,3 +438,12 @@ def test_a_rod_that_turns_and_moves_along_joins_no_contacts():
     assert is_other_law(one, dahl) and not is_other_law(one, other)
     left = {option.prefix for option in candidates(catalogue(), where, (rail,))}
     assert "bearing.coulomb_friction" in left and "rail.dahl_friction" not in left
+
+
+def test_against_forces_what_gains_a_hundredth_of_the_laws_found_is_their_shape(fitted):
+    first = fitted("coulomb_friction", 5000.0, 1.0)
+    steps = [step_of(first, residuals(first.fit), [first])]
+    little, more = fitted("quadratic_drag", 49.0, 1.0), fitted("constant_load", 51.0, 1.0)
+    assert [c.why_not for c in searching._beyond_shape([little, more], steps)] == ["", trials.SHAPELESS]
+    assert names(searching._beyond_shape([little, more], steps)) == ["constant_load", "quadratic_drag"]
+    assert not any(c.why_not for c in searching._beyond_shape([little, more], []))

@@ -76,10 +76,10 @@ def fitted(
     if not np.isfinite(first.chi2):
         raise SolverError("its simulation diverges")
     weighed = weigh(bench, taken, loads, first.point, bandwidth, sd, near=near, is_rough=near is not None)
-    fit = first
+    fit, stride = first, "fine" if bench.needs_fine_steps(taken) else None
     for _ in range(ROUNDS):
         used = weighed.bandwidth
-        fit = bench.fit(taken, fit.point, (used,), sd, patient=False)
+        fit = bench.fit(taken, fit.point, (used,), sd, patient=False, stride=stride)
         weighed = weigh(bench, taken, loads, fit.point, used, sd, near=weighed.forces)
         if max(used, weighed.bandwidth) < SETTLED * min(used, weighed.bandwidth):
             break
@@ -95,10 +95,10 @@ def _likelier(
     sd: np.ndarray,
 ) -> tuple[Fit, Weighed]:
     """Go on from a fit of predictions towards the largest likelihood, as long as it rises."""
-    bandwidth = float(fit.bandwidth[0])
+    bandwidth, stride = float(fit.bandwidth[0]), "fine" if bench.needs_fine_steps(taken) else None
     for _ in range(STEPS):
         try:
-            ahead = bench.fit(taken, weighed.next, (bandwidth,), sd, patient=False, iterations=0)
+            ahead = bench.fit(taken, weighed.next, (bandwidth,), sd, patient=False, iterations=0, stride=stride)
             after = weigh(bench, taken, loads, ahead.point, bandwidth, sd, near=weighed.forces)
         except SolverError:  # it diverges there
             break

@@ -48,6 +48,7 @@ LAWS, OTHERS = 3.0, 2
 # an effect that is really there leaves at most this share of what it explains; where small disturbances alone move a
 # rig, some effect or other leaves 0.17 of it and more (10 runs of the blind bed's rigs)
 MOST = 0.1
+SHAPELESS = "it explains no more than the laws found already may be wrong by"
 
 
 def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]) -> list[Candidate]:
@@ -319,7 +320,7 @@ def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> 
     if not why and coloured < MIN_BIC_GAIN:
         why = f"with residuals as alike as they are BIC falls by {coloured:.1f} only, less than {MIN_BIC_GAIN:g}"
     if not why and is_shape_error(base, fit):
-        why = "it explains no more than the laws found already may be wrong by, and leaves more than noise"
+        why = f"{SHAPELESS}, and leaves more than noise"
     why = why or bench.contradiction(candidate.insertion, fit.values)
     if not why and _is_absent(fit, candidate.insertion):
         why = "its parameter ends on its bound, where it has no effect"

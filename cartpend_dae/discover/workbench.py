@@ -190,7 +190,7 @@ class Workbench:
         most = self.setup.max_iterations or ITERATIONS if iterations is None else iterations
         fit: Fit | None = None
         for bandwidth in bandwidths:
-            is_fine = bandwidth in (0.0, self.last) and stride is None and self._needs_fine_steps(insertions)
+            is_fine = bandwidth in (0.0, self.last) and stride is None and self.needs_fine_steps(insertions)
             options = (bandwidth, point, sd, patient, most, "fine" if is_fine else stride)
             depends = _key(insertions), scales, options
             fit = self.store.recall("fit", depends, lambda o=options: self._fit(insertions, *o))
@@ -199,7 +199,8 @@ class Workbench:
         assert fit is not None
         return fit
 
-    def _needs_fine_steps(self, insertions: tuple[Insertion, ...]) -> bool:
+    def needs_fine_steps(self, insertions: tuple[Insertion, ...]) -> bool:
+        """Return whether errors of integration would look like the law of an effect on other steps."""
         problem = self.problem(insertions)
         return self.setup.step is None and (problem.has_events or problem.has_memory)
 
@@ -253,7 +254,7 @@ class Workbench:
         """Return the normal equations at a solution of a problem made before, on the steps that it was fitted on."""
         bandwidth = float(fit.bandwidth[0])
         is_last = bandwidth in (0.0, self.last)
-        stride = "fine" if is_last and self._needs_fine_steps(insertions) else None
+        stride = "fine" if is_last and self.needs_fine_steps(insertions) else None
         return linearised(self.problem(insertions, stride), fit.point, bandwidth, sd)
 
     @property
