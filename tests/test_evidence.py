@@ -7,8 +7,10 @@ import pytest
 
 from cartpend_dae.discover import choice, disturbed, gate
 from cartpend_dae.discover.evidence import lead
+from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.workbench import last_bandwidth
-from cartpend_dae.effects import catalogue
+from cartpend_dae.effects import catalogue, insertion_at
+from models.rota_damp import RotaDamp
 
 
 def fit_of(*residuals, sd=1.0):
@@ -59,3 +61,15 @@ def test_an_effect_in_series_that_contains_another_one_is_known():
 
     assert is_composite("chain_tension_friction")
     assert not any(map(is_composite, ("compliance", "backlash", "gear_loss", "asymmetric_friction")))
+
+
+def test_what_grows_beyond_all_numbers_against_forces_is_told_and_not_judged():
+    insertion = insertion_at(RotaDamp(), "quadratic_drag", "bearing")
+    candidate = Candidate(insertion, insertion.starts, 0.0, 0.0, 0.0, None, "")
+    base = SimpleNamespace(criterion=100.0)
+    # products of residual and column, and their lengths: -r.c is 3 of |r|^2 = 10, so that 9 are explained
+    good = np.array([[10.0, -3.0], [-3.0, 1.0], [1.0, 1.0]])
+    known = disturbed._predicted(candidate, [1], [good], np.zeros(1), 50, base)
+    assert known.parameters["bearing.quadratic_drag.d2"] == pytest.approx(3.0)
+    lost = disturbed._predicted(candidate, [1], [good, np.full((3, 2), np.nan)], np.zeros(2), 50, base)
+    assert (lost.predicted, lost.why_not) == (0.0, disturbed.LOST)

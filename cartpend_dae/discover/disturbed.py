@@ -31,6 +31,7 @@ SETTLED, ROUNDS = 1.5, 3
 STEPS, LITTLE = 4, 1.0
 # sensitivities beyond this are those of a simulation that runs away
 DIVERGED = 1e50
+LOST = "its simulation diverges"
 # columns of which no more is left are not told from what is fitted already
 BLIND = 1e-8
 TINY = 1e-150
@@ -74,7 +75,7 @@ def fitted(
     """
     first = bench.fit(taken, guess, (bandwidth,), sd, patient=False, iterations=EARLY, stride=ROUGH)
     if not np.isfinite(first.chi2):
-        raise SolverError("its simulation diverges")
+        raise SolverError(LOST)
     weighed = weigh(bench, taken, loads, first.point, bandwidth, sd, near=near, is_rough=near is not None)
     fit, stride = first, "fine" if bench.needs_fine_steps(taken) else None
     for _ in range(ROUNDS):
@@ -147,8 +148,7 @@ def _predictions(pairs: list[tuple[Candidate, list[np.ndarray]]], base: Weighed)
             found.append(_predicted(candidate, own, grams, white.determinant, n, base))
             first += len(columns)
         else:
-            why = candidate.why_not or "its simulation diverges"
-            found.append(replace(candidate, predicted=0.0, why_not=why))
+            found.append(replace(candidate, predicted=0.0, why_not=candidate.why_not or LOST))
     return found
 
 
@@ -179,6 +179,9 @@ def _predicted(
     kind = candidate.insertion.place.kind
     bounds = [item.bounds_at(kind) for item in candidate.insertion.parameters if item.role == "size"]
     best, sizes = np.inf, np.zeros(len(own))
+    concerned = np.ix_([0, *own], [0, *own])
+    if not all(np.all(np.isfinite(gram[concerned])) for gram in grams):  # what is whitened may grow beyond all numbers
+        return replace(candidate, predicted=0.0, why_not=candidate.why_not or LOST)
     for gram, determinant in zip(grams, determinants, strict=True):
         squares, found = _bounded(gram, own, bounds)
         value = float(likelihood(n, squares, determinant))
