@@ -77,7 +77,7 @@ def fitted(
     if not np.isfinite(first.chi2):
         raise SolverError(LOST)
     weighed = weigh(bench, taken, loads, first.point, bandwidth, sd, near=near, is_rough=near is not None)
-    fit, stride = first, "fine" if bench.needs_fine_steps(taken) else None
+    fit, stride = first, bench.weighing_stride(taken)
     for _ in range(ROUNDS):
         used = weighed.bandwidth
         fit = bench.fit(taken, fit.point, (used,), sd, patient=False, stride=stride)
@@ -96,7 +96,7 @@ def _likelier(
     sd: np.ndarray,
 ) -> tuple[Fit, Weighed]:
     """Go on from a fit of predictions towards the largest likelihood, as long as it rises."""
-    bandwidth, stride = float(fit.bandwidth[0]), "fine" if bench.needs_fine_steps(taken) else None
+    bandwidth, stride = float(fit.bandwidth[0]), bench.weighing_stride(taken)
     for _ in range(STEPS):
         try:
             ahead = bench.fit(taken, weighed.next, (bandwidth,), sd, patient=False, iterations=0, stride=stride)

@@ -29,7 +29,7 @@ from cartpend_dae.discover.slopes import (
     sliding_force,
 )
 from cartpend_dae.discover.unknown_input import Chain
-from cartpend_dae.discover.workbench import COARSE, ROUGH, Workbench, assembled, fine_step
+from cartpend_dae.discover.workbench import COARSE, ROUGH, Workbench, assembled, weighing_step
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError
 from cartpend_dae.problem import Problem
@@ -97,7 +97,7 @@ def sweep(
     with_shapes
         Look for the most promising shapes as well; see `best_shapes`.
     is_fine
-        Take steps as fine as those on which laws of friction are told apart.
+        Take the steps on which what has a memory is weighed.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def sweep(
     system = without_events(assembled(bench.setup.model, whole, bench.setup.train), "An estimation")
     system = _sliding(system, [i for i, place in enumerate(system.frictions.places) if _is_at(place, options)])
     inside = _inside(system, options, bench.problem(taken).system.states)
-    finest = ((fine_step(bench.setup), ROUGH),) if is_fine else ()
+    finest = ((weighing_step(bench.setup), ROUGH),) if is_fine else ()
     for step, stride in (*finest, *((None, stride) for stride in STRIDES)):
         problem = replace(bench.problem_of(system, taken, whole), step=step, stride=stride)
         values = scaled_values(problem, point)
