@@ -1,7 +1,6 @@
 """Which of several fitted effects to take, on fits whose figures are made up."""
 
 from dataclasses import replace
-from importlib import import_module
 
 import numpy as np
 import pytest
@@ -9,7 +8,7 @@ from test_discover_pendulum import clean_run, noisy_setup
 
 from cartpend_dae.discover import revise
 from cartpend_dae.discover import trial as trials
-from cartpend_dae.discover.choice import contains, ordered_by_bic, step_of
+from cartpend_dae.discover.choice import SHAPELESS, TOUCH, beyond_shape, contains, ordered_by_bic, step_of
 from cartpend_dae.discover.couple import chosen_anew, couple, next_richer, richer
 from cartpend_dae.discover.disturbed import ordered
 from cartpend_dae.discover.gate import residuals
@@ -22,7 +21,6 @@ from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import (
     FAR,
     MOST,
-    TOUCH,
     best_rival,
     is_far_from_noise,
     is_left_to_shape,
@@ -35,9 +33,6 @@ from cartpend_dae.uncertainty import Estimate
 from models.driven_cart import DrivenCart
 from models.linear_damp_mod import LinearDampMod
 from models.rota_damp import RotaDamp
-
-# the package has a function of this name
-searching = import_module("cartpend_dae.discover.search")
 
 
 @pytest.fixture(scope="module")
@@ -444,6 +439,6 @@ def test_against_forces_what_gains_a_hundredth_of_the_laws_found_is_their_shape(
     first = fitted("coulomb_friction", 5000.0, 1.0)
     steps = [step_of(first, residuals(first.fit), [first])]
     little, more = fitted("quadratic_drag", 49.0, 1.0), fitted("constant_load", 51.0, 1.0)
-    assert [c.why_not for c in searching._beyond_shape([little, more], steps)] == ["", trials.SHAPELESS]
-    assert names(searching._beyond_shape([little, more], steps)) == ["constant_load", "quadratic_drag"]
-    assert not any(c.why_not for c in searching._beyond_shape([little, more], []))
+    assert [c.why_not for c in beyond_shape([little, more], steps)] == ["", SHAPELESS]
+    assert names(beyond_shape([little, more], steps)) == ["constant_load", "quadratic_drag"]
+    assert not any(c.why_not for c in beyond_shape([little, more], []))

@@ -28,6 +28,9 @@ LINEAR = {"1", "x", "v", "a"}
 # alone, those that differ by less than this share of the squares are alike; and what is left then shows no other
 # effect, unless it leaves noise alone
 SHAPE = 0.03
+# what explains less than this share of what the additions before do is their shape, even if it leaves noise alone
+TOUCH = 0.01
+SHAPELESS = "it explains no more than the laws found already may be wrong by"
 # so many times what the best of them leaves beyond noise another law may leave and still be alike, and a simpler case
 # of the best one itself
 WORSE, SIMPLER = 4.0, 10.0
@@ -174,6 +177,13 @@ def second(candidate: Candidate, first: Candidate) -> str:
     """Say why another effect is taken."""
     explains = "explains as much with fewer parameters" if candidate.gain > first.gain else "explains more"
     return f"`{first.insertion.prefix}` {explains}"
+
+
+def beyond_shape(ranked: list[Candidate], steps: list[Step]) -> list[Candidate]:
+    """Refuse what explains less of the likelihood than the laws of some steps may be wrong by."""
+    least = TOUCH * sum(step.candidate.gain for step in steps)
+    judged = [c if c.why_not or c.gain >= least else replace(c, why_not=SHAPELESS) for c in ranked]
+    return sorted(judged, key=lambda c: bool(c.why_not))
 
 
 def step_of(winner: Candidate, gate: Gate, ranked: list[Candidate]) -> Step:

@@ -10,7 +10,7 @@ import numpy as np
 
 from cartpend_dae.discover.attempts import kept
 from cartpend_dae.discover.bases import base_of, fit_base
-from cartpend_dae.discover.choice import ALIKE, NEAR, SHAPE, SIMPLER, contains, step_of
+from cartpend_dae.discover.choice import ALIKE, NEAR, SHAPE, SIMPLER, TOUCH, contains, step_of
 from cartpend_dae.discover.disturbed import is_composite
 from cartpend_dae.discover.evidence import bic
 from cartpend_dae.discover.gate import is_noise_alone, residuals
@@ -20,7 +20,7 @@ from cartpend_dae.discover.records import Candidate, Step
 from cartpend_dae.discover.screen import is_other_law
 from cartpend_dae.discover.shortlist import chosen
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import MIN_BIC_GAIN, TOUCH, is_far_from_noise, is_left_to_shape, left_early
+from cartpend_dae.discover.trial import MIN_BIC_GAIN, is_far_from_noise, is_left_to_shape, left_early
 from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import ModelError, SolverError

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cartpend_dae.discover.bases import Library, base_of, fit_base, noise_rules, place_with_a_future
-from cartpend_dae.discover.choice import SHAPE, are_parallel, step_of
+from cartpend_dae.discover.choice import SHAPE, are_parallel, beyond_shape, step_of
 from cartpend_dae.discover.couple import couple, plainer, simpler
 from cartpend_dae.discover.disturbed import fitted, margin_of, penalty
 from cartpend_dae.discover.edges import off_edges
@@ -20,8 +20,6 @@ from cartpend_dae.discover.screen import candidates, is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import (
     MOST,
-    SHAPELESS,
-    TOUCH,
     best_rival,
     is_left_to_shape,
     is_most,
@@ -316,7 +314,7 @@ def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _L
     else:
         stage, ranked = 0.0, try_all(bench, base, rules, options)
     if rules.regime == "forces":
-        ranked = _beyond_shape(ranked, log.steps)
+        ranked = beyond_shape(ranked, log.steps)
     log.tried |= {candidate.insertion.prefix: candidate for candidate in ranked}
     both = couple(bench, base, rules, options, ranked, stage) if rules.regime == "noise" and n_more > 1 else None
     if both is not None:
@@ -338,13 +336,6 @@ def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _L
         base, steps = plain(bench, base, steps, rules, list(log.tried.values()), left)
     log.steps, log.base = steps, base
     return base
-
-
-def _beyond_shape(ranked: list[Candidate], steps: list[Step]) -> list[Candidate]:
-    """Refuse what explains less of the likelihood than the laws found already may be wrong by."""
-    least = TOUCH * sum(step.candidate.gain for step in steps)
-    judged = [c if c.why_not or c.gain >= least else replace(c, why_not=SHAPELESS) for c in ranked]
-    return sorted(judged, key=lambda c: bool(c.why_not))
 
 
 def _supported(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]) -> list[Insertion]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from cartpend_dae.discover.attempts import each
-from cartpend_dae.discover.choice import SHAPE, ordered_by_bic, rounded_first, second
+from cartpend_dae.discover.choice import SHAPE, SHAPELESS, TOUCH, ordered_by_bic, rounded_first, second
 from cartpend_dae.discover.disturbed import is_composite, judge, ordered, penalty
 from cartpend_dae.discover.evidence import bic, coloured_bic
 from cartpend_dae.discover.gate import NOISE_ALONE, is_clean, is_noise_alone, residuals
@@ -37,10 +37,9 @@ FAINT = 0.03
 BEHIND, LITTLE = 10.0, 0.1
 # noise alone: drop of BIC (largest on 90 data sets with nothing missing: 8.6)
 MIN_BIC_GAIN = 20.0
-# what explains less than this share of what the additions before do is their shape, even if it leaves noise alone
-TOUCH = 0.01
-# ... unless so many times noise were left before: where another shape was mended, 1.5 to 2.5 times were (tuning seeds
-# of the blind bed); of two effects the first leaves 100 times and more
+# a law's shape leaves less than the share TOUCH of what it explains, unless so many times noise were left before: where
+# another shape was mended, 1.5 to 2.5 times were (tuning seeds of the blind bed); of two effects the first leaves 100
+# times and more
 FAR = 20.0
 # ... unless it explains so many times as much as the best other law of the contact in the place of the one found, where
 # at least so many were fitted: by that much the shape of a law may matter
@@ -48,7 +47,6 @@ LAWS, OTHERS = 3.0, 2
 # an effect that is really there leaves at most this share of what it explains; where small disturbances alone move a
 # rig, some effect or other leaves 0.17 of it and more (10 runs of the blind bed's rigs)
 MOST = 0.1
-SHAPELESS = "it explains no more than the laws found already may be wrong by"
 
 
 def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]) -> list[Candidate]:
