@@ -77,8 +77,8 @@ def best_shapes(option: Insertion, scan: Scan) -> tuple[dict[str, float], ...]:
     """Return the shapes with which an effect promises most, the best first: by name its wave number, instant or such.
 
     There is one, or `PROMISING` numbers of teeth, of which one may be a multiple of another. Beside it is what the
-    record itself says, such as the step in which it stands. There is none if the effect has no shape, or several, or a
-    memory, or is not at the first start of its shape.
+    record itself says, such as the step in which it stands. There is none if the effect has no shape, or several of
+    several starts, or a memory, or is not at the first start of its shape.
     """
     item = _tried(option, scan.along)
     numbers = np.zeros(0) if item is None else _numbers(item, option, scan.along)
@@ -138,9 +138,11 @@ def _read(option: Insertion, along: Along) -> dict[str, float]:
 def _tried(option: Insertion, along: Along) -> EffectParameter | None:
     items = option.card.parameters
     waves = [item for item in items if item.role in ("wave", "instant", "teeth")]
-    shapes = [item for item in items if item.role == "shape"]
     if waves:
         return waves[0]
+    shapes = [item for item in items if item.role == "shape"]
+    if len(shapes) > 1:  # one that has a single start only refines the law
+        shapes = [item for item in shapes if len(item.starts_at(option.place.kind)) > 1]
     states = (along.system.states[i].removeprefix("der(") for i in along.inside)
     has_memory = any(name.startswith(option.prefix + ".") for name in states)
     is_scale = len(shapes) == 1 and min(shapes[0].starts_at(option.place.kind)) > 0

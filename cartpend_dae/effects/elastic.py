@@ -64,6 +64,7 @@ def elastic_cards() -> tuple[Card, ...]:
             parameters=(
                 level("c"),
                 shape("phi_m", (0.1, 0.3), ("s_m", (0.03, 0.1)), lower=0.0),
+                shape("d_c", (0.2,)),
                 choice("side", (1.0, -1.0)),
             ),
             dissipative=False,
