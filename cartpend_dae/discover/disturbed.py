@@ -77,10 +77,10 @@ def fitted(
     if not np.isfinite(first.chi2):
         raise SolverError(LOST)
     weighed = weigh(bench, taken, loads, first.point, bandwidth, sd, near=near, is_rough=near is not None)
-    fit, stride = first, bench.weighing_stride(taken)
+    fit = first
     for _ in range(ROUNDS):
         used = weighed.bandwidth
-        fit = bench.fit(taken, fit.point, (used,), sd, patient=False, stride=stride)
+        fit = bench.fit(taken, fit.point, (used,), sd, patient=False)
         weighed = weigh(bench, taken, loads, fit.point, used, sd, near=weighed.forces)
         if max(used, weighed.bandwidth) < SETTLED * min(used, weighed.bandwidth):
             break
@@ -96,10 +96,10 @@ def _likelier(
     sd: np.ndarray,
 ) -> tuple[Fit, Weighed]:
     """Go on from a fit of predictions towards the largest likelihood, as long as it rises."""
-    bandwidth, stride = float(fit.bandwidth[0]), bench.weighing_stride(taken)
+    bandwidth = float(fit.bandwidth[0])
     for _ in range(STEPS):
         try:
-            ahead = bench.fit(taken, weighed.next, (bandwidth,), sd, patient=False, iterations=0, stride=stride)
+            ahead = bench.fit(taken, weighed.next, (bandwidth,), sd, patient=False, iterations=0)
             after = weigh(bench, taken, loads, ahead.point, bandwidth, sd, near=weighed.forces)
         except SolverError:  # it diverges there
             break

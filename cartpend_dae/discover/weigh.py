@@ -113,8 +113,7 @@ def weigh(
     is_rough
         Leave it at multiples of these.
     """
-    is_fine = bench.weighing_stride(taken) is not None and not is_rough
-    found = sweep(bench, taken, loads, point, bandwidth, sd, is_fine=is_fine)
+    found = sweep(bench, taken, loads, point, bandwidth, sd)
     assert found.chain is not None
     names = near.names if near is not None else _distinct(found)
     chain = found.chain.only(tuple(name for name in names if name in found.chain.names))

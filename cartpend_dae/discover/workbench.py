@@ -16,11 +16,10 @@ from cartpend_dae.errors import SolverError
 from cartpend_dae.gauss_newton import ITERATIONS
 from cartpend_dae.identify import Fit, estimate
 from cartpend_dae.language import Component, bindings_of
-from cartpend_dae.library.laws import SHORTEST
 from cartpend_dae.parallel import Workers
 from cartpend_dae.problem import Problem, dominant_frequency, free_parameter, make_problem, usual_stride
 from cartpend_dae.shooting import Linearisation, linearised
-from cartpend_dae.stepping import LONGEST, shortest_times
+from cartpend_dae.stepping import shortest_times
 from cartpend_dae.system import System
 from cartpend_dae.unknowns import Free, tie
 
@@ -36,9 +35,8 @@ SIGNALS = ("input", "sensor")
 FINEST = 16
 # an observer of bandwidth w has forgotten 95 % after so many times 1/w: s^2 + 1.4 w s + w^2 decays as exp(-0.7 w t)
 FORGETS = 4.3
-# a largest product of step and eigenvalue, the steps of a problem as it is made (None), `FINEST` steps a sample, or
-# those of `weighing_step`
-Stride = float | Literal["fine", "weighed"] | None
+# a largest product of step and eigenvalue, the steps of a problem as it is made (None), or `FINEST` steps a sample
+Stride = float | Literal["fine"] | None
 
 
 def _silent(stage: str, label: str, error: float) -> None:
@@ -114,8 +112,6 @@ class Workbench:
         is_late = _is_late(system, insertions)
         if stride == "fine" or (stride == ROUGH and is_late):
             return replace(problem, step=fine_step(self.setup), stride=ROUGH)
-        if stride == "weighed":
-            return replace(problem, step=weighing_step(self.setup), stride=ROUGH)
         if stride is None:
             return replace(problem, step=fine_step(self.setup)) if is_late else problem
         return replace(problem, step=None, stride=stride)
@@ -194,7 +190,7 @@ class Workbench:
         most = self.setup.max_iterations or ITERATIONS if iterations is None else iterations
         fit: Fit | None = None
         for bandwidth in bandwidths:
-            is_fine = bandwidth in (0.0, self.last) and stride is None and self.needs_fine_steps(insertions)
+            is_fine = bandwidth in (0.0, self.last) and stride is None and self._needs_fine_steps(insertions)
             options = (bandwidth, point, sd, patient, most, "fine" if is_fine else stride)
             depends = _key(insertions), scales, options
             fit = self.store.recall("fit", depends, lambda o=options: self._fit(insertions, *o))
@@ -203,14 +199,9 @@ class Workbench:
         assert fit is not None
         return fit
 
-    def needs_fine_steps(self, insertions: tuple[Insertion, ...]) -> bool:
-        """Return whether errors of integration look like the law of an effect without injection, on other steps."""
+    def _needs_fine_steps(self, insertions: tuple[Insertion, ...]) -> bool:
         problem = self.problem(insertions)
         return self.setup.step is None and (problem.has_events or problem.has_memory)
-
-    def weighing_stride(self, insertions: tuple[Insertion, ...]) -> Stride:
-        """Return the steps on which a model is weighed: what has a memory is another law on steps longer than that."""
-        return "weighed" if self.setup.step is None and self.problem(insertions).has_memory else None
 
     def _fit(
         self,
@@ -262,7 +253,7 @@ class Workbench:
         """Return the normal equations at a solution of a problem made before, on the steps that it was fitted on."""
         bandwidth = float(fit.bandwidth[0])
         is_last = bandwidth in (0.0, self.last)
-        stride = "fine" if is_last and self.needs_fine_steps(insertions) else None
+        stride = "fine" if is_last and self._needs_fine_steps(insertions) else None
         return linearised(self.problem(insertions, stride), fit.point, bandwidth, sd)
 
     @property
@@ -283,20 +274,8 @@ def last_bandwidth(experiments: tuple[Experiment, ...]) -> float:
 
 def fine_step(setup: Setup) -> float:
     """Return the step with which laws of friction are told apart [s], unless the study has its own."""
-    return setup.step or _width(setup) / FINEST
-
-
-def weighing_step(setup: Setup) -> float:
-    """Return the step with which what has a memory is weighed against random forces [s], as of `fine_step`.
-
-    It need not be shorter than can follow the shortest times of the library's memories.
-    """
-    return setup.step or max(_width(setup) / FINEST, LONGEST * SHORTEST)
-
-
-def _width(setup: Setup) -> float:
-    """Return the usual time from one sample to the next [s]."""
-    return float(np.median(np.concatenate([np.diff(run.time) for run in setup.train])))
+    width = float(np.median(np.concatenate([np.diff(run.time) for run in setup.train])))
+    return setup.step or width / FINEST
 
 
 def _is_late(system: System, insertions: tuple[Insertion, ...]) -> bool:
