@@ -20,8 +20,8 @@ from cartpend_dae.discover.slopes import Along, Growth, Local, Slopes, Table, sl
 from cartpend_dae.effects import Insertion
 from cartpend_dae.effects.card import EffectParameter
 
-# phase over the way [rad] of the longest wave, and from one wave number to the next, which is half of what makes a wave
-# orthogonal to another; how many of them, and so many parts of a step are tried about the best one
+# phase over the way [rad] of the longest wave, and from one wave number to the next, which is a third of what makes a
+# wave orthogonal to another; how many of them, and so many parts of a step are tried about the best one
 LONGEST, COARSE, WAVES, PARTS = 4.0, 2.0, 180, 4
 # so many instants are tried at first, and then all those about the best one
 MOST = 300
