@@ -11,6 +11,7 @@ from blind.generate import DataSet, _resized, generate
 from blind.keys import REGIMES, Key
 from blind.rigs import RIGS
 from blind.run import in_turn, main, one, seeds_of
+from blind.same_data import simpler_laws
 from blind.scorer import equivalences, is_place, score, wilson
 from blind.sizes import HIGHEST, LOWEST
 from blind.table import TITLE, page, put_into
@@ -158,6 +159,21 @@ def test_the_scorer_knows_right_from_wrong(hidden, steps, first, exact, wrong):
     found = score(result(steps), truth(*hidden))
     assert (found.is_first, found.is_exact, found.n_wrong) == (first, exact, wrong)
     assert found.is_false_claim == (wrong > 0)
+
+
+def breakaway(seed):
+    return truth(("breakaway_friction", "bearing")) | {"regime": "noise", "seed": seed}
+
+
+def test_a_level_that_no_run_reaches_is_no_part_of_the_truth():
+    # run 1 of seed 7 waits at a reversal under a force between f_c and f_s; nothing does in seed 2
+    never, reached = breakaway(2), breakaway(7)
+    assert simpler_laws(never) == (("coulomb_friction", "bearing"),)
+    assert simpler_laws(reached) == ()
+    steps = [("coulomb_friction", "bearing")]
+    assert score(result(steps), never, simpler_laws(never)).is_exact
+    assert not score(result(steps), reached, simpler_laws(reached)).is_exact
+    assert not score(result([("lugre_friction", "bearing")]), never, simpler_laws(never)).is_first
 
 
 def test_the_error_removed_is_measured_down_to_the_floor():

@@ -10,6 +10,7 @@ from cartpend_dae.data import Channel, Experiment, Start
 from cartpend_dae.discover.records import FreeSpec, Setup
 from cartpend_dae.discover.screen import candidates, screen
 from cartpend_dae.discover.sweep import alone_with, one_by_one, sweep
+from cartpend_dae.discover.weigh import loads_at, weigh
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import catalogue, insert, insertion_at, places
 from cartpend_dae.errors import SolverError
@@ -125,3 +126,27 @@ def test_what_is_fitted_already_is_nothing_new_in_a_damped_rig():
     point = {"rail.d": 47.0, "inertial.m": 7.4}
     (candidate,) = screen(bench, (), point, [option], 30.0, bench.problem(()).prior_sd)
     assert candidate.why_not.startswith("no sensor sees it")
+
+
+def test_what_knocks_in_a_gap_leaves_its_noise_on_fine_steps_only():
+    """On the steps of a screening the flanks are softer than they are, which would pass for another effect."""
+    model, gap, sd = LinearDampMod(), {"b": 0.004, "f_r": 20.0, "w_c": 200.0}, np.array([1e-4])
+    option = insertion_at(model, "backlash", "inertial.flange_b", {"w_c": gap["w_c"], "f_r": gap["f_r"]})
+    point = {f"{option.prefix}.b": gap["b"], f"{option.prefix}.f_r": gap["f_r"]}
+
+    def bench_with(truth):
+        run = simulate(truth, 4.0, points=401)
+        noisy = run["encoder.s"] + sd * np.random.default_rng(0).standard_normal(run.time.size)
+        channels = {"encoder.s": Channel(noisy, "zoh", 1e-4, "m", 0.0)}
+        experiment = Experiment("run", "train", run.time, {}, channels, {}, "free", None)
+        return Workbench(Setup(model, (FreeSpec("rail.d"), FreeSpec("inertial.m")), (experiment,), (), ()))
+
+    def squares(found):
+        return float(np.sum(found.residual**2))
+
+    noise = squares(sweep(bench_with(model), (), (), {}, 30.0, sd))  # the same noise, corrected in the same way
+    bench = bench_with(insert(model, "backlash", "inertial.flange_b", **gap))
+    loads = loads_at(places(model, ("encoder.s",)))
+    assert squares(sweep(bench, (option,), (), point, 30.0, sd)) > 2 * noise
+    assert squares(weigh(bench, (option,), loads, point, 30.0, sd).found) > 2 * noise
+    assert squares(weigh(bench.on("weighed"), (option,), loads, point, 30.0, sd).found) < 1.1 * noise

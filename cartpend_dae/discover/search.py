@@ -95,6 +95,7 @@ def search(
         log.is_interrupted, base = True, log.base or start
     last_gate = residuals(base.fit)
     is_left = last_gate.is_passed or _pushes_remain(start, base)
+    bench = bench.on(rules.weighing)
     if rules.regime == "forces":
         start, base = _compared(bench, bare, start, base, rules)
     return Search(
@@ -141,11 +142,15 @@ def _against_forces(
         is_blind = bool(start.fit.bandwidth[0] > sampling_rate(bench))
         if found and is_nearly_all(without[1]) and (is_blind or _is_confirmed(bench, found[0], start, rules, library)):
             return old
-        seen = _uncovered(bench, start, rules, library, log) if is_blind else None
+        seen = None
+        if is_blind:
+            # what is so fast is faster than the usual steps, too
+            rules, start = _forced(bench.on("weighed"), noise, without[0])
+            seen = _uncovered(bench.on(rules.weighing), start, rules, library, log)
         if is_blind and seen is None:
             rules, start = _disturbed(bench, noise, without[0], log, library)
         log.steps, log.base = ([], None) if seen is None else ([seen[1]], seen[0])
-        base = _grow(bench, start, rules, library, max_steps, log)
+        base = _grow(bench.on(rules.weighing), start, rules, library, max_steps, log)
     except SolverError:  # it diverges in the steps with which it is weighed
         log.steps, log.base = found, stood
         return old
@@ -224,7 +229,7 @@ def _forced(bench: Workbench, noise: Rules, base: Base) -> tuple[Rules, Base]:
     early = base.fits[noise.screening]
     fit, weighed = fitted(bench, (), noise.loads, early.point, noise.screening, noise.sd)
     bandwidth = float(fit.bandwidth[0])
-    rules = Rules("forces", (bandwidth,), bandwidth, noise.sd, noise.loads)
+    rules = Rules("forces", (bandwidth,), bandwidth, noise.sd, noise.loads, bench.weighing)
     return rules, Base((), {bandwidth: fit}, base.bare, weighed)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from cartpend_dae.discover.records import Regime
 from cartpend_dae.discover.weigh import Weighed
+from cartpend_dae.discover.workbench import Stride
 from cartpend_dae.effects import Insertion
 from cartpend_dae.identify import Fit
 
@@ -34,7 +35,7 @@ class Base:
 class Rules:
     """How the regime fits and decides: `stages` of the base, the stage of screening, weights.
 
-    Random forces may act as the `loads` do.
+    Random forces may act as the `loads` do. `weighing` are the steps of the workbench on which models are weighed.
     """
 
     regime: Regime
@@ -42,3 +43,4 @@ class Rules:
     screening: float
     sd: np.ndarray
     loads: tuple[Insertion, ...] = ()
+    weighing: Stride = None

@@ -29,7 +29,7 @@ from cartpend_dae.discover.slopes import (
     sliding_force,
 )
 from cartpend_dae.discover.unknown_input import Chain
-from cartpend_dae.discover.workbench import COARSE, Workbench, assembled
+from cartpend_dae.discover.workbench import COARSE, ROUGH, Workbench, assembled, weighing_step
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError
 from cartpend_dae.problem import Problem
@@ -43,7 +43,7 @@ REST, QUIET = 0.2, 2.5
 # ones where that diverges, as a spring is stiffer than it began
 STRIDES = (COARSE, 0.25, 0.05)
 # share of itself by which df/ds may change between two samples for the mean of both ends to be good
-ROUGH = 0.5
+JUMPS = 0.5
 # what is fitted already is followed as the sizes are where that is so exact: an effect that does the same would else
 # differ from it by the error of the trapezoidal rule, 2 % where motions die out within some samples, which passes for
 # something new (damping of 3,457 N s/m was promised beside 47 that were free)
@@ -76,6 +76,7 @@ def sweep(
     sd: np.ndarray,
     *,
     with_shapes: bool = False,
+    is_fine: bool = False,
 ) -> Sweep:
     """Linearise the model at a fit in the sizes of many effects at once.
 
@@ -95,6 +96,8 @@ def sweep(
         Noise used as weight, shape (n_y,).
     with_shapes
         Look for the most promising shapes as well; see `best_shapes`.
+    is_fine
+        Take the steps of `weighing_step`, if the simulation does not diverge on them.
 
     Raises
     ------
@@ -105,8 +108,9 @@ def sweep(
     system = without_events(assembled(bench.setup.model, whole, bench.setup.train), "An estimation")
     system = _sliding(system, [i for i, place in enumerate(system.frictions.places) if _is_at(place, options)])
     inside = _inside(system, options, bench.problem(taken).system.states)
-    for stride in STRIDES:
-        problem = replace(bench.problem_of(system, taken, whole), step=None, stride=stride)
+    finest = ((weighing_step(bench.setup), ROUGH),) if is_fine else ()
+    for step, stride in (*finest, *((None, stride) for stride in STRIDES)):
+        problem = replace(bench.problem_of(system, taken, whole), step=step, stride=stride)
         values = scaled_values(problem, point)
         w = np.full(len(problem.outputs), float(bandwidth))
         data = stack_data(problem.layout, problem.experiments, 1.0 / sd)
@@ -131,7 +135,7 @@ def sweep(
     found = _gathered(problem, values, (local, free), growth, residual, inside, (*names, *fitted), data)
     sizes, rough = dict[str, np.ndarray](), dict[str, np.ndarray]()
     for name, ratio in zip(names, roughness(growth), strict=False):
-        (rough if ratio > ROUGH else sizes)[name] = found.sizes[name]
+        (rough if ratio > JUMPS else sizes)[name] = found.sizes[name]
     base = found.base.copy()
     for i, item in enumerate(problem.layout.free):
         column = found.sizes.get(item.name, np.zeros(0)) * item.slope(values[i])

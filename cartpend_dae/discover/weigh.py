@@ -113,7 +113,7 @@ def weigh(
     is_rough
         Leave it at multiples of these.
     """
-    found = sweep(bench, taken, loads, point, bandwidth, sd)
+    found = sweep(bench, taken, loads, point, bandwidth, sd, is_fine=bench.weighing is not None and not is_rough)
     assert found.chain is not None
     names = near.names if near is not None else _distinct(found)
     chain = found.chain.only(tuple(name for name in names if name in found.chain.names))

@@ -16,10 +16,11 @@ from cartpend_dae.errors import SolverError
 from cartpend_dae.gauss_newton import ITERATIONS
 from cartpend_dae.identify import Fit, estimate
 from cartpend_dae.language import Component, bindings_of
+from cartpend_dae.library.laws import SHORTEST
 from cartpend_dae.parallel import Workers
 from cartpend_dae.problem import Problem, dominant_frequency, free_parameter, make_problem, usual_stride
 from cartpend_dae.shooting import Linearisation, linearised
-from cartpend_dae.stepping import shortest_times
+from cartpend_dae.stepping import LONGEST, shortest_times
 from cartpend_dae.system import System
 from cartpend_dae.unknowns import Free, tie
 
@@ -35,8 +36,9 @@ SIGNALS = ("input", "sensor")
 FINEST = 16
 # an observer of bandwidth w has forgotten 95 % after so many times 1/w: s^2 + 1.4 w s + w^2 decays as exp(-0.7 w t)
 FORGETS = 4.3
-# a largest product of step and eigenvalue, the steps of a problem as it is made (None), or `FINEST` steps a sample
-Stride = float | Literal["fine"] | None
+# a largest product of step and eigenvalue, the steps of a problem as it is made (None), `FINEST` steps a sample, or
+# those of `weighing_step`
+Stride = float | Literal["fine", "weighed"] | None
 
 
 def _silent(stage: str, label: str, error: float) -> None:
@@ -49,7 +51,8 @@ class Workbench:
 
     `problems` are those made so far, by the effects in them, and `sizes` what parameters of effects were predicted to
     be when they were first tried, by which they are scaled; `scales` are those of each problem. Candidates are fitted
-    in `jobs` processes, or by that executor. Finished stages are kept in a `store`.
+    in `jobs` processes, or by that executor. Finished stages are kept in a `store`. What is weighed against random
+    forces is fitted and weighed on steps as `weighing` says: models can be compared that stand on the same ones.
     """
 
     setup: Setup
@@ -59,14 +62,19 @@ class Workbench:
     jobs: Workers = 1
     store: Store = field(default_factory=Store)
     scales: dict[tuple[Stride, tuple[str, ...]], dict[str, float]] = field(default_factory=dict)
+    weighing: Stride = None
 
     def quiet(self) -> "Workbench":
         """Return the same workbench without reports, as for another process."""
         return replace(self, report=_silent)
 
+    def on(self, weighing: Stride) -> "Workbench":
+        """Return the same workbench with other steps for what is weighed against random forces."""
+        return replace(self, weighing=weighing)
+
     def __reduce__(self) -> tuple[type["Workbench"], tuple[Any, ...]]:
         """Leave reports, problems, executor and store here: elsewhere problems are made anew, on the same scales."""
-        return Workbench, (self.setup, _silent, {}, self.sizes, 1, Store(), self.scales)
+        return Workbench, (self.setup, _silent, {}, self.sizes, 1, Store(), self.scales, self.weighing)
 
     def begin(self, stage: str, number: int) -> None:
         """Say that so many candidates follow in a stage, to a `report` that has a method `begin`."""
@@ -112,6 +120,8 @@ class Workbench:
         is_late = _is_late(system, insertions)
         if stride == "fine" or (stride == ROUGH and is_late):
             return replace(problem, step=fine_step(self.setup), stride=ROUGH)
+        if stride == "weighed":
+            return replace(problem, step=weighing_step(self.setup), stride=ROUGH)
         if stride is None:
             return replace(problem, step=fine_step(self.setup)) if is_late else problem
         return replace(problem, step=None, stride=stride)
@@ -190,8 +200,8 @@ class Workbench:
         most = self.setup.max_iterations or ITERATIONS if iterations is None else iterations
         fit: Fit | None = None
         for bandwidth in bandwidths:
-            is_fine = bandwidth in (0.0, self.last) and stride is None and self._needs_fine_steps(insertions)
-            options = (bandwidth, point, sd, patient, most, "fine" if is_fine else stride)
+            steps = self._usual_steps(insertions, bandwidth) if stride is None else stride
+            options = (bandwidth, point, sd, patient, most, steps)
             depends = _key(insertions), scales, options
             fit = self.store.recall("fit", depends, lambda o=options: self._fit(insertions, *o))
             self.report(f"fit at {bandwidth:.3g} rad/s", label, float(np.sqrt(fit.chi2 / fit.n_residuals)))
@@ -199,9 +209,11 @@ class Workbench:
         assert fit is not None
         return fit
 
-    def _needs_fine_steps(self, insertions: tuple[Insertion, ...]) -> bool:
+    def _usual_steps(self, insertions: tuple[Insertion, ...], bandwidth: float) -> Stride:
+        if bandwidth not in (0.0, self.last):
+            return self.weighing
         problem = self.problem(insertions)
-        return self.setup.step is None and (problem.has_events or problem.has_memory)
+        return "fine" if self.setup.step is None and (problem.has_events or problem.has_memory) else None
 
     def _fit(
         self,
@@ -252,9 +264,7 @@ class Workbench:
     def solved(self, insertions: tuple[Insertion, ...], fit: Fit, sd: np.ndarray) -> Linearisation:
         """Return the normal equations at a solution of a problem made before, on the steps that it was fitted on."""
         bandwidth = float(fit.bandwidth[0])
-        is_last = bandwidth in (0.0, self.last)
-        stride = "fine" if is_last and self._needs_fine_steps(insertions) else None
-        return linearised(self.problem(insertions, stride), fit.point, bandwidth, sd)
+        return linearised(self.problem(insertions, self._usual_steps(insertions, bandwidth)), fit.point, bandwidth, sd)
 
     @property
     def last(self) -> float:
@@ -276,6 +286,14 @@ def fine_step(setup: Setup) -> float:
     """Return the step with which laws of friction are told apart [s], unless the study has its own."""
     width = float(np.median(np.concatenate([np.diff(run.time) for run in setup.train])))
     return setup.step or width / FINEST
+
+
+def weighing_step(setup: Setup) -> float:
+    """Return the step on which models are weighed where forces as fast as the samples explain everything else [s].
+
+    It is that of `fine_step`, but need not be shorter than can follow the shortest times of the library's memories.
+    """
+    return setup.step or max(fine_step(setup), LONGEST * SHORTEST)
 
 
 def _is_late(system: System, insertions: tuple[Insertion, ...]) -> bool:

@@ -3,6 +3,9 @@
 from cartpend_dae.effects.card import Card, choice, instant, level, size, step, wave_number
 from cartpend_dae.library import signal_errors, signals
 
+# largest error of the rate of a recorder's clock: a crystal is wrong by 1e-4, a loop that waits too long by some percent
+PACE = 0.1
+
 
 def sensor_cards() -> tuple[Card, ...]:
     """Return the cards of sensors."""
@@ -83,7 +86,7 @@ def sensor_cards() -> tuple[Card, ...]:
             summary="a recorder of all signals whose clock runs wrong",
             insertion="clock",
             components={None: signal_errors.RecorderClock},
-            parameters=(size("e", lower=-0.5, upper=0.5),),
+            parameters=(size("e", lower=-PACE, upper=PACE),),
             dissipative=False,
             nested_in=(),
             equivalent_to={"added_inertia": "one free pendulum: another inertia and damping, in the recorder's time"},
@@ -97,7 +100,7 @@ def sensor_cards() -> tuple[Card, ...]:
             summary="a recorder of one signal whose clock runs wrong or starts late",
             insertion="sensor",
             components={None: signal_errors.ClockDrift},
-            parameters=(size("e", lower=-0.5, upper=0.5), size("t_0", lower=-0.5, upper=0.5)),
+            parameters=(size("e", lower=-PACE, upper=PACE), size("t_0", lower=-0.5, upper=0.5)),
             dissipative=False,
             nested_in=(),
             equivalent_to={"sensor_delay": "its error at the start alone, against a lag"},

@@ -24,6 +24,7 @@ from blind.cases import KINDS, REPORTED_FROM, TUNING, cases
 from blind.generate import DataSet, generate
 from blind.keys import Key, Regime
 from blind.rigs import RIGS
+from blind.same_data import simpler_laws
 from blind.scorer import score
 from blind.writer import write
 
@@ -119,7 +120,7 @@ def said(record: dict[str, Any]) -> str:
     """Return one line on a record."""
     if record["result"] is None:
         return f"{record['name']}: {record['failure']}"
-    found = score(record["result"], record["truth"])
+    found = score(record["result"], record["truth"], simpler_laws(record["truth"]))
     steps = ", ".join(f"{s['effect']}@{s['at']}" for s in record["result"]["steps"]) or "nothing"
     mark = "right" if found.is_exact else "WRONG"
     return f"{record['name']}: {mark}: {steps}; {found.verdict}; {record['processor_seconds']} s"

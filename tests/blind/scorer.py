@@ -2,7 +2,7 @@
 
 import math
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -37,7 +37,7 @@ def equivalences() -> dict[str, Any]:
     return tomllib.loads((Path(__file__).parent / "equivalences.toml").read_text())
 
 
-def score(result: Mapping[str, Any], truth: Mapping[str, Any]) -> Score:
+def score(result: Mapping[str, Any], truth: Mapping[str, Any], same: Sequence[Named] = ()) -> Score:
     """Score a result.json against the truth of its data set.
 
     Parameters
@@ -46,10 +46,12 @@ def score(result: Mapping[str, Any], truth: Mapping[str, Any]) -> Score:
         What the tool wrote.
     truth
         What the generator wrote.
+    same
+        What gives the same data as the hidden effect, in this data set; see `same_data`.
     """
     steps = [(step["effect"], step["at"]) for step in result["steps"]]
     hidden = [(h["effect"], h["at"], h["shape"]) for h in truth["effects"]]
-    forms = list(_forms(truth["rig"], hidden))
+    forms = [*_forms(truth["rig"], hidden), *([(effect, at, "same")] for effect, at in same)]
     matched = max(_matched(truth["rig"], form, steps) for form in forms)
     is_exact = any(len(form) == len(steps) == _matched(truth["rig"], form, steps) for form in forms)
     is_first = bool(steps) and any(_is(truth["rig"], h, steps[0]) for form in forms for h in form)

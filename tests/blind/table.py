@@ -18,6 +18,7 @@ from blind.cases import KINDS, REPORTED_FROM
 from blind.catalogue import hidden_on
 from blind.keys import REGIMES
 from blind.rigs import RIGS
+from blind.same_data import simpler_laws
 from blind.scorer import Score, score, wilson
 
 Record = dict[str, Any]
@@ -27,7 +28,8 @@ FAILED = Score(False, False, 0, 0, None, "failed", False, False)
 
 
 def scored(record: Record) -> Score:
-    return FAILED if record["result"] is None else score(record["result"], record["truth"])
+    truth = record["truth"]
+    return FAILED if record["result"] is None else score(record["result"], truth, simpler_laws(truth))
 
 
 def share(hits: int, n: int) -> str:
