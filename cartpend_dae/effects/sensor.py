@@ -3,7 +3,7 @@
 from cartpend_dae.effects.card import Card, choice, instant, level, size, step, wave_number
 from cartpend_dae.library import signal_errors, signals
 
-# largest error of the rate of a recorder's clock: a crystal is wrong by 1e-4, a loop that waits too long by some percent
+# largest error of the rate of a recorder's clock: a crystal is wrong by 1e-4, a loop that waits too long by per cents
 PACE = 0.1
 
 
