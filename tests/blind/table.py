@@ -1,7 +1,9 @@
 """Make the table of the blind test bed: ``python tests/blind/table.py [--tuning] [--detail]``.
 
-Each cell says how many data sets stand behind it; shares have 95 % intervals after Wilson. Without `--tuning` only
-reported seeds count. With `--keep` what was run is kept in the repository, where the next table finds it.
+Each cell says how many data sets stand behind it; shares have 95 % intervals after Wilson. Of what is not exactly right
+it says where a simpler case of the hidden law was found that explains as much, which counts as wrong. Without
+`--tuning` only reported seeds count. With `--keep` what was run is kept in the repository, where the next table finds
+it.
 """
 
 import argparse
@@ -47,6 +49,8 @@ def row(label: str, kind: str, found: list[tuple[Record, Score]]) -> str:
         right = f"{share(sum(s.is_flagged for s in scores), n)} flagged, {claims} false claims"
     elif kind == "single":
         right = f"{share(sum(s.is_first for s in scores), n)} first, {share(sum(s.is_exact for s in scores), n)} exact"
+        simpler = sum(is_simpler(record) for record, s in found if not s.is_exact)
+        right += f"; {simpler} a simpler case" if simpler else ""
     else:
         right = f"{share(sum(s.is_exact for s in scores), n)} exact"
     wrong = sum(s.n_wrong for s in scores) / max(n, 1)
@@ -101,14 +105,19 @@ def misses(found: list[tuple[Record, Score]]) -> list[str]:
     wrong = [(r, s) for r, s in found if r["result"] is not None and not s.is_exact and r["truth"]["kind"] != "open"]
     for record, of in sorted(wrong, key=lambda entry: name_of(entry[0]["truth"])):
         truth, steps = record["truth"], record["result"]["steps"]
-        hidden = [f"{h['effect']} at" for h in truth["effects"]]
-        told = any(law.startswith(h) for step in steps for law in step.get("contained_in", ()) for h in hidden)
         names = ", ".join(f"`{step['effect']}` at `{step['at']}`" for step in steps) or "nothing"
         shapes = ", ".join(h["shape"] for h in truth["effects"])
         error = "–" if of.recovered is None else f"{of.recovered:.3f}"
-        note = "a simpler case of the hidden law, which explains no more" if told else ""
+        note = "a simpler case of the hidden law, which explains no more" if is_simpler(record) else ""
         lines.append(f"| {name_of(truth)} | {shapes} | {names} | {of.verdict} | {error} | {note} |")
     return lines if wrong else []
+
+
+def is_simpler(record: Record) -> bool:
+    """Return whether a law was found that a hidden one contains, which explains no more in these data."""
+    steps = record["result"]["steps"] if record["result"] else []
+    hidden = [f"{h['effect']} at" for h in record["truth"]["effects"]]
+    return any(law.startswith(h) for step in steps for law in step.get("contained_in", ()) for h in hidden)
 
 
 def name_of(truth: dict[str, Any]) -> str:
