@@ -44,6 +44,19 @@ def fit_base(bench: Workbench, taken: tuple[Insertion, ...], guess: Mapping[str,
     return Base(taken, fits)
 
 
+def followed(
+    bench: Workbench, taken: tuple[Insertion, ...], guess: Mapping[str, float], rules: Rules, bare: float
+) -> Base | None:
+    """Return a model with some effects and its fits, as of `fit_base`, or None where it diverges without the others.
+
+    `bare` is the cost of the model without any.
+    """
+    try:
+        return replace(fit_base(bench, taken, guess, rules), bare=bare)
+    except SolverError:
+        return None
+
+
 def base_of(bench: Workbench, before: Base, taken: tuple[Insertion, ...], winner: Candidate, rules: Rules) -> Base:
     """Return the model with a candidate in it that was fitted to the end, and its fits at the stages before that."""
     assert winner.fit is not None

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from cartpend_dae.discover.attempts import kept
-from cartpend_dae.discover.bases import base_of, fit_base
+from cartpend_dae.discover.bases import base_of, followed
 from cartpend_dae.discover.choice import ALIKE, NEAR, SHAPE, SIMPLER, TOUCH, contains, step_of
 from cartpend_dae.discover.disturbed import is_composite
 from cartpend_dae.discover.evidence import bic
@@ -175,8 +175,8 @@ def _is_shapeless(bench: Workbench, base: Base, rules: Rules, plain: Couple, ric
     noise, more = rich.fit.n_residuals, plain.fit.chi2 - rich.fit.chi2
     if plain.fit.chi2 - noise > SIMPLER * (rich.fit.chi2 - noise):
         return False
-    without = fit_base(bench, (*base.taken, plain.other.insertion), plain.fit.point, rules).fit
-    return more < SHAPE * (without.chi2 - rich.fit.chi2)
+    without = followed(bench, (*base.taken, plain.other.insertion), plain.fit.point, rules, base.bare)
+    return without is not None and more < SHAPE * (without.fit.chi2 - rich.fit.chi2)
 
 
 def _instead(
@@ -237,7 +237,9 @@ def simpler(
         few = [pair for pair in couples if pair.n_parameters <= len(rich.insertion.parameter_names)]
         if not few:
             continue
-        without = replace(fit_base(bench, taken, base.fit.point, rules), bare=base.bare)
+        without = followed(bench, taken, base.fit.point, rules, base.bare)
+        if without is None:
+            continue
         few = _fitted(bench, without, rules, few, (max(rules.stages),), (LATER, ROUGH))[:LAST]
         few = _fitted(bench, without, rules, few, rules.stages, None)
         for found in few:
@@ -310,7 +312,10 @@ def _made(
     done: list[Candidate] = []
     alone: list[Candidate] = []
     for part, rest in (parts, parts[::-1]):
-        without = fit_base(bench, (*base.taken, rest.insertion), fit.point, rules).fit
+        other = followed(bench, (*base.taken, rest.insertion), fit.point, rules, base.bare)
+        if other is None:  # whether it matters cannot be told
+            return None
+        without = other.fit
         gain, share = bic(without) - bic(fit), (without.chi2 - fit.chi2) / max(base.bare - fit.chi2, 1e-300)
         is_shape = share < TOUCH and not is_plain and not is_far_from_noise(without, fit)
         if not is_noise_alone(fit):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cartpend_dae.discover.bases import Library, base_of, fit_base
+from cartpend_dae.discover.bases import Library, base_of, followed
 from cartpend_dae.discover.choice import NEAR, SHAPE, SIMPLER, step_of
 from cartpend_dae.discover.couple import as_fitted, plainer
 from cartpend_dae.discover.disturbed import ALIKE, penalty
@@ -26,7 +26,9 @@ def prune(bench: Workbench, base: Base, steps: list[Step], rules: Rules, n_optio
     """Take back each earlier addition that the model with the last one does without."""
     for step in list(steps[:-1]):
         fewer = tuple(i for i in base.taken if i.prefix != step.candidate.insertion.prefix)
-        trial = replace(fit_base(bench, fewer, _early(base, rules), rules), bare=base.bare)
+        trial = followed(bench, fewer, _early(base, rules), rules, base.bare)
+        if trial is None:
+            continue
         if rules.regime == "disturbances":
             share, _ = explained(bench, (fewer, trial.fit), (base.taken, base.fit), rules.sd)
             is_needed = share > MIN_SHARE
@@ -49,7 +51,9 @@ def swap(bench: Workbench, base: Base, steps: list[Step], rules: Rules, library:
         here = tuple(place for place in places if place.at == old.candidate.insertion.place.at)
         others = [s for s in steps if s is not old]
         fewer = tuple(s.candidate.insertion for s in others)
-        without = replace(fit_base(bench, fewer, _early(base, rules), rules), bare=base.bare)
+        without = followed(bench, fewer, _early(base, rules), rules, base.bare)
+        if without is None:
+            continue
         ranked = try_all(bench, without, rules, candidates(cards, here, fewer))
         best = ranked[0] if ranked else None
         if best is None or best.why_not or best.fit is None or best.insertion.prefix == old.candidate.insertion.prefix:
@@ -144,8 +148,8 @@ def settled(bench: Workbench, base: Base, steps: list[Step], rules: Rules) -> tu
     while len(steps) > 1:
         last = steps[-1].candidate.insertion.prefix
         fewer = tuple(insertion for insertion in base.taken if insertion.prefix != last)
-        before = replace(fit_base(bench, fewer, _early(base, rules), rules), bare=base.bare)
-        if before.fit.chi2 - base.fit.chi2 > base.fit.chi2 - base.fit.n_residuals:
+        before = followed(bench, fewer, _early(base, rules), rules, base.bare)
+        if before is None or before.fit.chi2 - base.fit.chi2 > base.fit.chi2 - base.fit.n_residuals:
             break
         base, steps = before, steps[:-1]
     return base, steps

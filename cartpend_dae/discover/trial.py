@@ -12,6 +12,7 @@ from cartpend_dae.discover.gate import NOISE_ALONE, is_clean, is_noise_alone, re
 from cartpend_dae.discover.nested import holds, own, restarted, simplified
 from cartpend_dae.discover.predicted import trials
 from cartpend_dae.discover.records import Candidate
+from cartpend_dae.discover.rescan import rescanned
 from cartpend_dae.discover.screen import is_other_law, promise, screen
 from cartpend_dae.discover.shortlist import as_well, at_few_places, best_of_each, is_simple, unlike, with_others
 from cartpend_dae.discover.state import Base, Rules
@@ -205,15 +206,16 @@ def _first_fits(bench: Workbench, base: Base, rules: Rules, stage: float, wide: 
             found += [replace(c, fit=None, why_not=_far_simpler(enough)) for c in these]
             continue
         starts = with_others(these)
-        new = each(bench, starts, lambda at, candidate: _tried(at, base, rules, stage, candidate), "first fit")
+        new = each(bench, starts, lambda at, candidate: first_fit(at, base, rules, stage, candidate), "first fit")
         again = restarted([*found, *new], lambda c: -c.fit.chi2 if c.fit else -np.inf)
         again = [c for c in again if len(c.insertion.parameter_names) == count]
-        new += map(own, each(bench, again, lambda at, c: _tried(at, base, rules, stage, c), "first fit"))
+        new += map(own, each(bench, again, lambda at, c: first_fit(at, base, rules, stage, c), "first fit"))
         new = best_of_each(new, lambda c: c.fit.chi2 if c.fit else np.inf)
         found += new
         enough = enough or _enough(bench, base, rules, new)
     again = simplified(found, lambda c: c.fit.chi2 if c.fit else np.inf)
-    new = map(own, each(bench, again, lambda at, c: _tried(at, base, rules, stage, c), "first fit"))
+    again += rescanned(bench, base, rules, stage, found) if enough is None else []
+    new = map(own, each(bench, again, lambda at, c: first_fit(at, base, rules, stage, c), "first fit"))
     return best_of_each([*found, *new], lambda c: c.fit.chi2 if c.fit else np.inf)
 
 
@@ -277,7 +279,7 @@ def _is_clean(candidate: Candidate) -> bool:
     return candidate.fit is not None and is_clean(candidate.fit)
 
 
-def _tried(bench: Workbench, base: Base, rules: Rules, stage: float, candidate: Candidate) -> Candidate:
+def first_fit(bench: Workbench, base: Base, rules: Rules, stage: float, candidate: Candidate) -> Candidate:
     """Fit a candidate at the stage of screening, roughly: from there it is judged."""
     together = (*base.taken, candidate.insertion)
     guess = base.fits[stage].point | candidate.parameters
