@@ -35,7 +35,8 @@ def test_stops_hide_a_wave_that_shows_beside_the_plainer_law(bench):
     rules = noise_rules(bench, places(RotaDamp(), ("bearing.phi",)), bench.last)
     base = fit_base(bench, (), {}, rules)
     stage = rules.screening
-    options = [insertion_at(RotaDamp(), name, "bearing") for name in ("coulomb_friction", "position_dependent_friction")]
+    names = ("coulomb_friction", "position_dependent_friction")
+    options = [insertion_at(RotaDamp(), name, "bearing") for name in names]
     screened = screen(bench, (), base.fits[stage].point, options, stage, rules.sd)
     fitted = [first_fit(bench, base, rules, stage, candidate) for candidate in screened]
     rich = next(c for c in fitted if c.insertion.card.id == "position_dependent_friction")
