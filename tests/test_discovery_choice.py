@@ -303,7 +303,7 @@ def test_the_last_additions_are_taken_back_while_they_explain_less_than_is_left(
     def base_with(taken):
         return Base(taken, {0.0: replace(plain_fit, chi2=n + left[len(taken)])}, n + left[0])
 
-    monkeypatch.setattr(revise, "fit_base", lambda bench, taken, guess, rules: base_with(taken))
+    monkeypatch.setattr(revise, "followed", lambda bench, taken, guess, rules, bare: base_with(taken))
     rules = Rules("noise", (0.0,), 0.0, np.array([1e-3]))
     whole = base_with(tuple(one.insertion for one in at))
     base, kept = revise.settled(bench, whole, steps, rules)  # the third explains 70 of 80, the second 150 of 150
