@@ -74,6 +74,22 @@ def test_an_effect_at_another_start_of_its_shape_is_not_scanned_again():
     assert sweep(bench, (), (other,), {}, 20.0, bench.problem(()).prior_sd, with_shapes=True).again == ()
 
 
+def test_two_waves_are_found_each_beside_the_other():
+    model, hidden = (
+        LinearDampMod(),
+        {"f_sin": 0.3, "f_cos": -0.2, "k": 71.0, "f_2_sin": 0.1, "f_2_cos": 0.15, "k_2": 125.0},
+    )
+    run = simulate(insert(model, "rail_unevenness", "rail", **hidden), 6.0, points=601)
+    noisy = run["encoder.s"] + 1e-5 * np.random.default_rng(0).standard_normal(run.time.size)
+    channels = {"encoder.s": Channel(noisy, "zoh", 1e-5, "m", 0.0)}
+    experiment = Experiment("run", "train", run.time, {}, channels, {}, "free", None)
+    bench = Workbench(Setup(model, (FreeSpec("rail.d"),), (experiment,), (), ()), lambda *_: None)
+    option = insertion_at(model, "rail_unevenness", "rail", {"k": 8.0})
+    (again,) = sweep(bench, (), (option,), {}, 20.0, bench.problem(()).prior_sd, with_shapes=True).again
+    found = sorted((again.values["k"], again.values["k_2"]))
+    assert found == [pytest.approx(71.0, rel=0.03), pytest.approx(125.0, rel=0.03)]
+
+
 def test_a_wave_number_is_found_by_the_screen():
     bench, option = bench_of("wave of a rail")
     (candidate,) = screen(bench, (), {}, [option], 20.0, bench.problem(()).prior_sd)

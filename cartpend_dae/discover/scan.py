@@ -9,6 +9,7 @@ References
 J. D. Scargle, Astrophys. J. 263 (1982), 835-853, doi:10.1086/160554 (least squares at each frequency).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -76,26 +77,37 @@ class Scan:
 def best_shapes(option: Insertion, scan: Scan) -> tuple[dict[str, float], ...]:
     """Return the shapes with which an effect promises most, the best first: by name its wave number, instant or such.
 
-    There is one, or `PROMISING` numbers of teeth, of which one may be a multiple of another. Beside it is what the
-    record itself says, such as the step in which it stands. There is none if the effect has no shape, or several of
-    several starts, or a memory, or is not at the first start of its shape.
+    There is one, or `PROMISING` numbers of teeth, of which one may be a multiple of another. Of two waves each is
+    looked for beside the other, and the first one again beside the second. Beside it is what the record itself says,
+    such as the step in which it stands. There is none if the effect has no shape, or several of several starts, or a
+    memory, or is not at the first start of its shape.
     """
-    item = _tried(option, scan.along)
-    numbers = np.zeros(0) if item is None else _numbers(item, option, scan.along)
-    if item is None or not numbers.size:
+    kind, items = option.place.kind, _tried(option, scan.along)
+    firsts = {item.names[kind]: item.starts_at(kind)[0] for item in items}
+    if not items or any(option.values.get(name, first) != first for name, first in firsts.items()):
         return ()
-    name = item.names[option.place.kind]
-    first = item.starts_at(option.place.kind)[0]
-    if option.values.get(name, first) != first:
-        return ()
-    law = _Law(option, name, scan)
+    found: list[dict[str, float]] = []
+    for item in items if len(items) == 1 else (*items, items[0]):
+        name, others = item.names[kind], found[0] if found else firsts
+        others = {other: value for other, value in others.items() if other != name}
+        found = [others | {name: number} for number in _promising(item, _Law(option, name, scan, others), scan)]
+        if not found:
+            return ()
+    return tuple(shape | _read(option, scan.along) for shape in found)
+
+
+def _promising(item: EffectParameter, law: "_Law", scan: Scan) -> list[float]:
+    """Return the numbers in the place of a shape with which a law explains most, the best first."""
+    numbers = _numbers(item, law.option, scan.along)
+    if not numbers.size:
+        return []
     tried = numbers if item.role == "teeth" else numbers[:: -(-numbers.size // MOST)]
     gains = _gains(law, tried, scan)
     near = _between(tried, int(np.argmax(gains)), numbers, item)
     if near.size:
         tried, gains = near, _gains(law, near, scan)
     best = np.argsort(-gains, kind="stable")[: PROMISING if item.role == "teeth" else 1]
-    return tuple({name: float(tried[k])} | _read(option, scan.along) for k in best if gains[k] > 0)
+    return [float(tried[k]) for k in best if gains[k] > 0]
 
 
 def _between(coarse: np.ndarray, best: int, numbers: np.ndarray, item: EffectParameter) -> np.ndarray:
@@ -135,18 +147,18 @@ def _read(option: Insertion, along: Along) -> dict[str, float]:
     return dict.fromkeys(names, step if is_told else NO_STEP * float(np.ptp(values[weight > 0])))
 
 
-def _tried(option: Insertion, along: Along) -> EffectParameter | None:
+def _tried(option: Insertion, along: Along) -> tuple[EffectParameter, ...]:
     items = option.card.parameters
-    waves = [item for item in items if item.role in ("wave", "instant", "teeth")]
+    waves = tuple(item for item in items if item.role in ("wave", "instant", "teeth"))
     if waves:
-        return waves[0]
+        return waves
     shapes = [item for item in items if item.role == "shape"]
     if len(shapes) > 1:  # one that has a single start only refines the law
         shapes = [item for item in shapes if len(item.starts_at(option.place.kind)) > 1]
     states = (along.system.states[i].removeprefix("der(") for i in along.inside)
     has_memory = any(name.startswith(option.prefix + ".") for name in states)
     is_scale = len(shapes) == 1 and min(shapes[0].starts_at(option.place.kind)) > 0
-    return shapes[0] if is_scale and not has_memory else None
+    return (shapes[0],) if is_scale and not has_memory else ()
 
 
 def _numbers(item: EffectParameter, option: Insertion, along: Along) -> np.ndarray:
@@ -173,11 +185,15 @@ def _numbers(item: EffectParameter, option: Insertion, along: Along) -> np.ndarr
 
 @dataclass(frozen=True)
 class _Law:
-    """How the sizes of an effect move the states and outputs at an instant, by the number in the place of its shape."""
+    """How the sizes of an effect move the states and outputs at an instant, by the number in the place of its shape.
+
+    `others` are shapes that stay, by name.
+    """
 
     option: Insertion
     name: str
     scan: Scan
+    others: Mapping[str, float]
 
     @cached_property
     def slopes(self) -> Slopes:
@@ -195,9 +211,15 @@ class _Law:
         along = self.scan.along
         whole = ca.vertcat(self.slopes.direct, self.slopes.hidden[self.hidden, :])
         shapes = ca.SX.sym("shapes", ABREAST)
-        place = along.system.p[along.system.parameter_index(f"{self.option.prefix}.{self.name}")]
+        for name, value in self.others.items():
+            whole = ca.substitute(whole, self._place(name), ca.SX(value))
+        place = self._place(self.name)
         each = [ca.substitute(whole, place, shapes[k]) for k in range(ABREAST)]
         return Table(along, ca.horzcat(*each), (shapes,))
+
+    def _place(self, name: str) -> ca.SX:
+        system = self.scan.along.system
+        return system.p[system.parameter_index(f"{self.option.prefix}.{name}")]
 
     def growth(self, numbers: np.ndarray) -> Growth:
         """Return the growth by the sizes, with one number after the other; both ends of an interval are samples."""

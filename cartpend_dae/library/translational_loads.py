@@ -90,15 +90,22 @@ class Hysteresis(CompliantWithSpeed):
 
 
 class RailUnevenness(Compliant):
-    """Unevenness of a rail, f = f_sin sin(k s_rel) + f_cos cos(k s_rel): weight times slope."""
+    """Unevenness of a rail, f = w(k; f_sin, f_cos) + w(k_2; f_2_sin, f_2_cos): weight times slope, of two waves.
+
+    w(k; a, b) = a sin(k s_rel) + b cos(k s_rel). No rail is a single wave; the second has a length of its own.
+    """
 
     f_sin: Param = param(unit="N", default=0.0, doc="sine amplitude")
     f_cos: Param = param(unit="N", default=0.0, doc="cosine amplitude")
     k: Param = param(unit="rad/m", default=30.0, min=0, doc="wave number")
+    f_2_sin: Param = param(unit="N", default=0.0, doc="sine amplitude of the second wave")
+    f_2_cos: Param = param(unit="N", default=0.0, doc="cosine amplitude of the second wave")
+    k_2: Param = param(unit="rad/m", default=60.0, min=0, doc="wave number of the second wave")
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.f == wave(self.k * self.s_rel, self.f_sin, self.f_cos)
+        first = wave(self.k * self.s_rel, self.f_sin, self.f_cos)
+        yield self.f == first + wave(self.k_2 * self.s_rel, self.f_2_sin, self.f_2_cos)
 
 
 class CableDrag(CompliantWithSpeed):
