@@ -37,7 +37,7 @@ def rescanned(bench: Workbench, base: Base, rules: Rules, stage: float, fitted: 
         plain = [c for c in fitted if c.fit is not None and holds(rich, c)]
         best = min(plain, key=lambda c: c.fit.chi2 if c.fit else np.inf, default=None)
         option = _at_first_wave(rich.insertion)
-        if option is None or best is None or best.fit is None:
+        if option is None or rich.why_not or best is None or best.fit is None:
             continue
         try:
             (again,) = screen(bench, (*base.taken, best.insertion), best.fit.point, [option], stage, rules.sd)

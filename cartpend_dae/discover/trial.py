@@ -214,7 +214,7 @@ def _first_fits(bench: Workbench, base: Base, rules: Rules, stage: float, wide: 
         found += new
         enough = enough or _enough(bench, base, rules, new)
     again = simplified(found, lambda c: c.fit.chi2 if c.fit else np.inf)
-    again += rescanned(bench, base, rules, stage, found) if enough is None else []
+    again += rescanned(bench, base, rules, stage, found)
     new = map(own, each(bench, again, lambda at, c: first_fit(at, base, rules, stage, c), "first fit"))
     return best_of_each([*found, *new], lambda c: c.fit.chi2 if c.fit else np.inf)
 
