@@ -3,17 +3,20 @@
 import json
 import tomllib
 
+import numpy as np
 import pytest
 from blind import law, store
 from blind.cases import OPEN, PAIRS, TRIPLES, cases
 from blind.catalogue import EFFECTS, hidden_on
-from blind.generate import DataSet, _resized, generate
+from blind.generate import DataSet, _resized, draft, generate, kinds_of, sized
 from blind.keys import REGIMES, Key
-from blind.rigs import RIGS
+from blind.laws.friction import Dahl
+from blind.laws.loads import Constant
+from blind.rigs import NOISE, RIGS
 from blind.run import in_turn, main, one, seeds_of
 from blind.same_data import simpler_laws
 from blind.scorer import equivalences, is_place, score, wilson
-from blind.sizes import HIGHEST, LOWEST
+from blind.sizes import FINE, HIGHEST, LOWEST, Column, outputs
 from blind.table import TITLE, page, put_into
 from blind.writer import write
 
@@ -159,6 +162,27 @@ def test_the_scorer_knows_right_from_wrong(hidden, steps, first, exact, wrong):
     found = score(result(steps), truth(*hidden))
     assert (found.is_first, found.is_exact, found.n_wrong) == (first, exact, wrong)
     assert found.is_false_claim == (wrong > 0)
+
+
+def test_a_cable_on_springs_is_elastic_friction_and_a_load():
+    """The identity behind `parts` in equivalences.toml, in the test bed's own simulator."""
+    key = Key("linear_damp_mod", "noise", (("cable_drag", "rail"),), 20)
+    item = draft(key)
+    assert not sized([item])
+    (cable,), p = item.laws, item.p
+    share = (p["K1"] + p["K2"]) / (p["K1"] + p["K2"] + cable["c"])
+    other = p | {"d_rail": share * p["d_rail"], "m_in": share * (p["m_c"] + p["m_in"]) - p["m_c"]}
+    level, rest = share * cable["f_h"], (p["K2"] - p["K1"]) * p["a"]
+    laws = ({"f_c": level, "c": level / cable["x_slip"]}, {"f_0": share * (rest + cable["c"] * cable["x_0"]) - rest})
+    whole = outputs(item.rig, kinds_of(key), [Column(p, (cable,), run) for run in item.runs], FINE)
+    kinds = [(Dahl, "rail"), (Constant, "rail")]
+    parts = outputs(item.rig, kinds, [Column(other, laws, run) for run in item.runs], FINE)
+    assert np.max(np.abs(parts - whole)) < 1e-3 * NOISE["encoder.s"]
+    steps = [("dahl_friction", "rail"), ("constant_load", "rail")]
+    hidden = truth(("cable_drag", "rail"), rig="linear_damp_mod")
+    assert score(result(steps), hidden).is_exact
+    alone = score(result(steps[:1]), hidden)
+    assert alone.is_first and not alone.is_exact
 
 
 def breakaway(seed):

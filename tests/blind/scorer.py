@@ -70,8 +70,13 @@ def score(result: Mapping[str, Any], truth: Mapping[str, Any], same: Sequence[Na
 
 
 def _forms(rig: str, hidden: list[tuple[str, str, str]]) -> Iterator[list[tuple[str, str, str]]]:
-    """Yield the truth, and the truth with parts taken as the whole that they make."""
+    """Yield the truth, and the truth with parts taken as the whole that they make, or a whole as its parts."""
     yield hidden
+    for entry in equivalences()["parts"]:
+        whole = [h for h in hidden if f"{h[0]}@{h[1]}" == entry["whole"] and h[2] in entry["shapes"]]
+        if rig in entry["rigs"] and whole:
+            parts = [(*part.split("@"), "same") for part in entry["parts"]]
+            yield [h for h in hidden if h not in whole] + parts
     for entry in equivalences()["compound"]:
         parts = [tuple(part.split("@")) for part in entry["parts"]]
         names = [(effect, at) for effect, at, _ in hidden]
