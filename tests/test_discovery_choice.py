@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_discover_pendulum import clean_run, noisy_setup
 
-from cartpend_dae.discover import revise
+from cartpend_dae.discover import bases, revise
 from cartpend_dae.discover import trial as trials
 from cartpend_dae.discover.choice import SHAPELESS, TOUCH, beyond_shape, contains, ordered_by_bic, step_of
 from cartpend_dae.discover.couple import chosen_anew, couple, next_richer, richer
@@ -29,6 +29,7 @@ from cartpend_dae.discover.trial import (
 )
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import catalogue, insertion_at, places
+from cartpend_dae.errors import SolverError
 from cartpend_dae.uncertainty import Estimate
 from models.driven_cart import DrivenCart
 from models.linear_damp_mod import LinearDampMod
@@ -292,6 +293,20 @@ def test_stages_come_in_the_order_in_which_something_shows_and_the_free_one_afte
     assert order(first=0.01, second=0.02, free=0.9) == [26.0, 0.0, 75.0]
     assert order(first=0.03, second=0.02, free=0.01) == [75.0, 26.0, 0.0]
     assert trials.in_order(bench, Base((), fits), rules, [], stages) == stages
+
+
+def test_an_addition_without_which_the_model_diverges_stays(monkeypatch, plain_fit, bench, fitted):
+    def diverges(*_):
+        raise SolverError("it diverges")
+
+    monkeypatch.setattr(bases, "fit_base", diverges)
+    at = [fitted(effect, 0.0, 0.0) for effect in ("coulomb_friction", "cubic_stiffness")]
+    steps = [step_of(one, residuals(plain_fit), [one]) for one in at]
+    base = Base(tuple(one.insertion for one in at), {0.0: plain_fit}, 2 * plain_fit.chi2)
+    rules = Rules("noise", (0.0,), 0.0, np.array([1e-3]))
+    assert bases.followed(bench, (), {}, rules, 1.0) is None
+    assert revise.settled(bench, base, steps, rules) == (base, steps)
+    assert revise.prune(bench, base, steps, rules, 10) == (base, steps)
 
 
 def test_the_last_additions_are_taken_back_while_they_explain_less_than_is_left(monkeypatch, bench, plain_fit, fitted):
