@@ -32,7 +32,7 @@ def each(
             done = replace(candidate, gain=0.0, t=0.0, fit=None, why_not=f"its fit failed: {error}")
         return {name: getattr(done, name) for name in FOUND}
 
-    depends = [(stage, _content(candidate)) for candidate in items]
+    depends = [(stage, content(candidate)) for candidate in items]
     found = []
     for candidate, result in zip(items, kept(bench, "candidate", depends, attempt, items), strict=True):
         found.append(replace(candidate, **result))
@@ -72,7 +72,7 @@ def kept(
         yield next(fresh) if k in missing else store.recall(stage, depends[k], lambda k=k: work(items[k]))
 
 
-def _content(candidate: Candidate) -> tuple[Any, ...]:
+def content(candidate: Candidate) -> tuple[Any, ...]:
     """Return what was found out of a candidate before; to the last bit it depends on all fits that it follows."""
     c, fit = candidate, candidate.fit
     values = str(dict(c.insertion.values))

@@ -14,7 +14,7 @@ from cartpend_dae.errors import SolverError
 
 
 def rescanned(bench: Workbench, base: Base, rules: Rules, stage: float, fitted: list[Candidate]) -> list[Candidate]:
-    """Return laws with a wave from where the best plainer law ended, with the wave that promises most beside that.
+    """Return laws with a wave from where the best plainer law ended, with the waves that promise most beside that.
 
     Parameters
     ----------
@@ -43,14 +43,12 @@ def rescanned(bench: Workbench, base: Base, rules: Rules, stage: float, fitted: 
             (again,) = screen(bench, (*base.taken, best.insertion), best.fit.point, [option], stage, rules.sd)
         except SolverError:
             continue
-        if again.why_not:
-            continue
         same = {name.rpartition(".")[2] for name in best.insertion.parameter_names}
-        values = {
-            name: as_plain(rich.insertion, best)[name] if name.rpartition(".")[2] in same else value
-            for name, value in again.parameters.items()
-        }
-        found.append(replace(again, parameters={**best.fit.point, **values}, others=()))
+        plainly = as_plain(rich.insertion, best)
+        kept = {name: value for name, value in plainly.items() if name.rpartition(".")[2] in same}
+        for one in (again, *again.others):
+            if not one.why_not:
+                found.append(replace(one, parameters={**best.fit.point, **one.parameters, **kept}, others=()))
     return found
 
 

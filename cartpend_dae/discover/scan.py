@@ -26,8 +26,8 @@ from cartpend_dae.effects.card import EffectParameter
 LONGEST, COARSE, WAVES, PARTS = 4.0, 2.0, 180, 4
 # so many instants are tried at first, and then all those about the best one
 MOST = 300
-# the most teeth; and so many numbers of them are promising
-TEETH, PROMISING = 72, 2
+# the most teeth; so many numbers of them, and of waves, are promising, waves that explain this share of the best one
+TEETH, PROMISING, ALIKE = 72, 2, 0.8
 # other shapes are tried at so many values, from the least it starts from over this factor to the largest times it
 VALUES, SPAN = 24, 8.0
 # values that are followed at once, which bounds the memory; and that one function is made for
@@ -77,10 +77,10 @@ class Scan:
 def best_shapes(option: Insertion, scan: Scan) -> tuple[dict[str, float], ...]:
     """Return the shapes with which an effect promises most, the best first: by name its wave number, instant or such.
 
-    There is one, or `PROMISING` numbers of teeth, of which one may be a multiple of another. Of two waves each is
-    looked for beside the other, and the first one again beside the second. Beside it is what the record itself says,
-    such as the step in which it stands. There is none if the effect has no shape, or several of several starts, or a
-    memory, or is not at the first start of its shape.
+    There is one, or up to `PROMISING` waves that explain about as much, or so many numbers of teeth, of which one may
+    be a multiple of another. Of two waves each is looked for beside the other, and the first one again beside the
+    second. Beside it is what the record itself says, such as the step in which it stands. There is none if the effect
+    has no shape, or several of several starts, or a memory, or is not at the first start of its shape.
     """
     kind, items = option.place.kind, _tried(option, scan.along)
     firsts = {item.names[kind]: item.starts_at(kind)[0] for item in items}
@@ -101,13 +101,25 @@ def _promising(item: EffectParameter, law: "_Law", scan: Scan) -> list[float]:
     numbers = _numbers(item, law.option, scan.along)
     if not numbers.size:
         return []
-    tried = numbers if item.role == "teeth" else numbers[:: -(-numbers.size // MOST)]
+    if item.role == "teeth":
+        gains = _gains(law, numbers, scan)
+        return [float(numbers[k]) for k in np.argsort(-gains, kind="stable")[:PROMISING] if gains[k] > 0]
+    tried = numbers[:: -(-numbers.size // MOST)]
     gains = _gains(law, tried, scan)
-    near = _between(tried, int(np.argmax(gains)), numbers, item)
-    if near.size:
-        tried, gains = near, _gains(law, near, scan)
-    best = np.argsort(-gains, kind="stable")[: PROMISING if item.role == "teeth" else 1]
-    return [float(tried[k]) for k in best if gains[k] > 0]
+    found: dict[float, float] = {}
+    for peak in _peaks(gains)[: PROMISING if item.role == "wave" else 1]:
+        near = _between(tried, peak, numbers, item)
+        about, explained = (near, _gains(law, near, scan)) if near.size else (tried, gains)
+        best = int(np.argmax(explained))
+        found[float(about[best])] = float(explained[best])
+    return [number for number in sorted(found, key=lambda n: -found[n]) if found[number] > 0]
+
+
+def _peaks(gains: np.ndarray) -> list[int]:
+    """Return where numbers explain more than those beside them and about as much as the best, the best first."""
+    padded = np.pad(gains, 1, constant_values=-np.inf)
+    is_peak = (padded[1:-1] > padded[:-2]) & (padded[1:-1] >= padded[2:]) & (gains >= ALIKE * gains.max())
+    return sorted(np.flatnonzero(is_peak).tolist(), key=lambda k: -gains[k])
 
 
 def _between(coarse: np.ndarray, best: int, numbers: np.ndarray, item: EffectParameter) -> np.ndarray:

@@ -15,12 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cartpend_dae.data import Experiment
+from cartpend_dae.discover.attempts import content, kept
 from cartpend_dae.discover.records import Candidate, Search, Step
 from cartpend_dae.discover.workbench import ROUGH, Workbench, assembled, renamed
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.experiment_design import Plan, candidates
 from cartpend_dae.identify import Fit
+from cartpend_dae.parallel import is_shared
 from cartpend_dae.problem import Problem, dominant_frequency
 from cartpend_dae.shooting import linearised, predict, run_through, scaled_values, sensitivities
 from cartpend_dae.transcribe import stack_data
@@ -71,18 +73,26 @@ def splits(bench: Workbench, search: Search, *, plan: Plan | None = None) -> tup
     plan
         What experiments may be; from the runs, up to twice as large, if None.
     """
-    found = []
     taken = tuple(step.candidate.insertion for step in search.steps)
-    for step in search.steps:
-        others = tuple(i for i in taken if i.prefix != step.candidate.insertion.prefix)
-        for rival in _rivals(search, step):
-            try:
-                fit = _fit_of(bench, search, (*others, rival.insertion), rival)
-                ranking = _ranked(bench, (taken, search.final), ((*others, rival.insertion), fit), plan or _plan(bench))
-            except (SolverError, ModelError):
-                continue
-            found.append(Split(step.candidate.insertion.prefix, rival.insertion.prefix, ranking))
-    return tuple(found)
+    pairs = [(step.candidate.insertion, rival) for step in search.steps for rival in _rivals(search, step)]
+    if not pairs:
+        return ()
+    plan = plan or _plan(bench)
+    bench.begin("experiments", len(pairs))
+    at = bench.quiet() if is_shared(bench.jobs) else bench
+
+    def split(pair: tuple[Insertion, Candidate]) -> Split | None:
+        chosen, rival = pair
+        together = (*(i for i in taken if i.prefix != chosen.prefix), rival.insertion)
+        try:
+            fit = _fit_of(at, search, together, rival)
+            ranking = _ranked(at, (taken, search.final), (together, fit), plan)
+        except (SolverError, ModelError):
+            return None
+        return Split(chosen.prefix, rival.insertion.prefix, ranking)
+
+    depends = [(chosen.prefix, content(rival), search.final.point, search.bandwidth, plan) for chosen, rival in pairs]
+    return tuple(found for found in kept(bench, "split", depends, split, pairs) if found is not None)
 
 
 def _fit_of(bench: Workbench, search: Search, together: tuple[Insertion, ...], rival: Candidate) -> Fit:
