@@ -124,3 +124,8 @@ def test_the_number_of_teeth_is_found_whatever_it_is():
     assert candidate.insertion.values["n"] == 11.0
     amplitudes = [candidate.parameters[f"bearing.cogging.tau_k_{name}"] for name in ("sin", "cos")]
     assert amplitudes == pytest.approx([0.004, 0.003], rel=0.1)  # to first order of the effect
+
+
+def test_where_nothing_may_be_added_nothing_is_found():
+    bench, _ = bench_of("wave of a rail")
+    assert screen(bench, (), {}, [], 20.0, bench.problem(()).prior_sd) == []

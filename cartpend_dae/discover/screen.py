@@ -150,10 +150,10 @@ def _promise(at: "_At", batch: tuple[Insertion, ...]) -> float:
 
 def _kept(at: "_At", options: list[Insertion]) -> list[Prediction]:
     """Screen all, as it can be kept on disk."""
-    first, *others = _batches(options)
-    # all of the first have a shape to be looked for, which takes longest: they come first, and in two parts
-    halves = [part for part in (first[::2], first[1::2]) if part]
-    done = _swept(at, [*halves, *others], with_shapes=True)
+    batches = _batches(options)
+    # shapes are looked for along the first batch, which takes longest: it is judged in two parts
+    parts = [part for batch in batches[:1] for part in (batch[::2], batch[1::2]) if part]
+    done = _swept(at, [*parts, *batches[1:]], with_shapes=True)
     again = [option for batch in done for option in batch.again]
     pairs = _settled(at, [*done, *_swept(at, _batches(again), with_shapes=False)])
     named = {option.prefix: k for k, option in enumerate(options)}
