@@ -7,20 +7,24 @@ import numpy as np
 import pytest
 from test_discover_pendulum import COULOMB, VISCOUS, noisy_setup
 
+from cartpend_dae import simulate
+from cartpend_dae.data import Channel, Experiment, Start
+from cartpend_dae.discover import revise
 from cartpend_dae.discover.bases import fit_base, noise_rules
 from cartpend_dae.discover.choice import step_of
 from cartpend_dae.discover.couple import couple
 from cartpend_dae.discover.evidence import bic
 from cartpend_dae.discover.gate import is_noise_alone, residuals
-from cartpend_dae.discover.records import Candidate
-from cartpend_dae.discover.revise import plain
+from cartpend_dae.discover.records import Candidate, FreeSpec, Setup
+from cartpend_dae.discover.revise import plain, swap
 from cartpend_dae.discover.screen import candidates
 from cartpend_dae.discover.shortlist import PLACES, at_few_places
 from cartpend_dae.discover.state import Base
 from cartpend_dae.discover.trial import try_in_noise
 from cartpend_dae.discover.workbench import Workbench
-from cartpend_dae.effects import catalogue, insertion_at, places
+from cartpend_dae.effects import catalogue, insert, insertion_at, places
 from models.linear_damp_mod import LinearDampMod
+from models.rota_damp import RotaDamp
 
 QUADRATIC = 0.001
 
@@ -68,6 +72,80 @@ def test_a_law_each_way_gives_its_place_to_coulomb_friction_where_both_ways_are_
     assert {i.prefix for i in after.taken} == {"bearing.quadratic_drag", "bearing.coulomb_friction"}
     assert is_noise_alone(after.fit) and bic(after.fit) < bic(fit)
     assert plain(bench, after, found, rules, [each_way, drag, coulomb], np.inf) == (after, found)
+
+
+def made_of(bench, rules, *parts, **values):
+    """The model with effects, fitted, and their steps in this order."""
+    insertions = [insertion_at(bench.setup.model, effect, at) for effect, at in parts]
+    guess = {name: value for i in insertions for name, value in i.starts.items()}
+    guess |= {name: value for name in guess for end, value in values.items() if name.endswith(f".{end}")}
+    fits = {w: bench.fit(tuple(insertions), guess, (w,), rules.sd) for w in rules.descent}
+    base = Base(tuple(insertions), fits, fit_base(bench, (), {}, rules).fit.chi2)
+    told = [Candidate(i, i.starts, 0.0, 0.0, 0.0, base.fit, "") for i in insertions]
+    return base, [step_of(c, residuals(base.fit), [c]) for c in told]
+
+
+def hardening(duration, angle, viscous, coulomb, cubic):
+    """A pendulum with dry friction and a spring that stiffens, and what may be added to its model."""
+    hidden = insert(RotaDamp(), "coulomb_friction", "bearing", tau_c=coulomb)
+    hidden = insert(hidden, "cubic_stiffness", "bearing", c3=cubic)
+    points, first = round(100 * duration) + 1, {"bearing.phi": angle}
+    run = simulate(hidden, duration, points=points, start=first, parameters={"bearing.d": viscous})
+    noisy = run["bearing.phi"] + 3e-4 * np.random.default_rng(0).standard_normal(run.time.size)
+    channels = {"bearing.phi": Channel(noisy, "zoh", 3e-4, "rad", 0.0)}
+    start = {"bearing.phi": Start(angle, None)}
+    experiment = Experiment("run", "train", run.time, {}, channels, start, "free", None)
+    bench = Workbench(Setup(RotaDamp(), (FreeSpec("bearing.d"),), (experiment,), (), ()))
+    cards = tuple(c for c in catalogue() if c.id in ("coulomb_friction", "cubic_stiffness", "sensor_gain"))
+    where = places(RotaDamp(), ("bearing.phi",), cards)
+    return bench, noise_rules(bench, where, 0.0), (cards, where)
+
+
+@pytest.fixture
+def gentle():
+    return hardening(6.0, 1.2, viscous=0.01, coulomb=0.004, cubic=0.1)
+
+
+@pytest.fixture
+def strong():
+    return hardening(8.0, 2.0, viscous=0.05, coulomb=0.02, cubic=0.5)
+
+
+def test_an_effect_elsewhere_takes_the_place_of_the_less_certain_one_of_a_couple_that_leaves_more_than_noise(gentle):
+    bench, rules, library = gentle
+    base, steps = made_of(bench, rules, ("coulomb_friction", "bearing"), ("sensor_gain", "bearing.phi"), tau_c=0.004)
+    assert residuals(base.fit).is_passed
+    after, found = swap(bench, base, steps, rules, library, whole=True)
+    assert {step.candidate.insertion.prefix for step in found} == {
+        "bearing.coulomb_friction",
+        "bearing.cubic_stiffness",
+    }
+    assert is_noise_alone(after.fit)
+
+
+def test_a_couple_that_leaves_noise_is_not_looked_at_again(gentle, monkeypatch):
+    bench, rules, library = gentle
+    parts = ("coulomb_friction", "bearing"), ("cubic_stiffness", "bearing")
+    base, steps = made_of(bench, rules, *parts, tau_c=0.004, c3=0.1)
+    monkeypatch.setattr(revise, "try_all", lambda *a: pytest.fail("it was"))
+    assert swap(bench, base, steps, rules, library, whole=True) == (base, steps)
+
+
+def test_a_plainer_law_begins_far_off_where_the_richer_one_took_up_the_viscous_friction(strong):
+    bench, rules, _ = strong
+    parts = ("stribeck_friction", "bearing"), ("cubic_stiffness", "bearing")
+    base, steps = made_of(bench, rules, *parts, tau_c=0.02, tau_s=0.025, c3=0.5, d=0.05)
+    d = base.fit.values["bearing.d"] + base.fit.values["bearing.stribeck_friction.d"]
+    moved = {"bearing.d": 1e-6 * d, "bearing.stribeck_friction.d": d}  # the sum alone shows
+    estimates = tuple(replace(e, value=moved.get(e.name, e.value)) for e in base.fit.parameters)
+    base = replace(base, fits={**base.fits, 0.0: replace(base.fit, parameters=estimates)})
+    coulomb = insertion_at(bench.setup.model, "coulomb_friction", "bearing")
+    law = Candidate(coulomb, coulomb.starts, 0.0, 0.0, 0.0, None, "")
+    _, found = plain(bench, base, steps, rules, [law], np.inf)
+    assert {step.candidate.insertion.prefix for step in found} == {
+        "bearing.coulomb_friction",
+        "bearing.cubic_stiffness",
+    }
 
 
 @pytest.fixture

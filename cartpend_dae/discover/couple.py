@@ -13,7 +13,7 @@ from cartpend_dae.discover.bases import base_of, followed
 from cartpend_dae.discover.choice import ALIKE, NEAR, SHAPE, SIMPLER, TOUCH, contains, step_of
 from cartpend_dae.discover.disturbed import is_composite
 from cartpend_dae.discover.evidence import bic
-from cartpend_dae.discover.gate import is_noise_alone, residuals
+from cartpend_dae.discover.gate import is_clean, is_noise_alone, residuals
 from cartpend_dae.discover.nested import as_plain, holds, shared
 from cartpend_dae.discover.promising import EARLY, Couple, beside, promising
 from cartpend_dae.discover.records import Candidate, Step
@@ -161,9 +161,10 @@ def _with_plainer(
             told = [(c, shared(c.insertion, rich)) for c in ranked if _is_case(c, rich, ranked)]
             able += [Couple(c, other, pair.predicted, {**pair.fit.point, **values}) for c, values in told]
         able = [c for c in able if c.n_parameters < pair.n_parameters]
-        fitted = _fitted(bench, base, rules, able, (bench.last,), None) if able else []
+        # the richer law may have taken up what the model has besides, such as its viscous friction: they begin far off
+        fitted = _fitted(bench, base, rules, able, rules.descent, None) if able else []
         if is_noise_alone(pair.fit):
-            found += [c for c in fitted if c.fit and bic(c.fit) < bic(pair.fit) + NEAR and is_noise_alone(c.fit)]
+            found += [c for c in fitted if c.fit and bic(c.fit) < bic(pair.fit) + NEAR and is_clean(c.fit)]
         else:
             found += [c for c in fitted if _is_shapeless(bench, base, rules, c, pair)]
     return found
@@ -268,7 +269,8 @@ def _fitted(
 
     def attempt(pair: Couple) -> Fit | None:
         together = (*base.taken, pair.one.insertion, pair.other.insertion)
-        guess = base.fits[stages[0]].point | dict(pair.parameters) if pair.fit is None else pair.fit.point
+        before = base.fits.get(stages[0], base.fit)
+        guess = before.point | dict(pair.parameters) if pair.fit is None else pair.fit.point
         try:
             return bench.fit(together, guess, stages, rules.sd, patient=False, iterations=iterations, stride=stride)
         except (SolverError, ModelError):

@@ -41,14 +41,20 @@ def prune(bench: Workbench, base: Base, steps: list[Step], rules: Rules, n_optio
     return base, steps
 
 
-def swap(bench: Workbench, base: Base, steps: list[Step], rules: Rules, library: Library) -> tuple[Base, list[Step]]:
+def swap(
+    bench: Workbench, base: Base, steps: list[Step], rules: Rules, library: Library, *, whole: bool = False
+) -> tuple[Base, list[Step]]:
     """Put another effect in the place of each earlier one if, with the last one in, it explains more.
 
-    The first effect chosen soaks up a part of those still missing, and may be the wrong one of two alike.
+    The first effect chosen soaks up a part of those still missing, and may be the wrong one of two alike. If the last
+    ones came together and leave more than noise, the `whole` is looked at, the least certain first, and any effect
+    anywhere may take the place of one of them, until noise is left.
     """
     cards, places = library
-    for old in list(steps[:-1]):
-        here = tuple(place for place in places if place.at == old.candidate.insertion.place.at)
+    for old in list(reversed(steps) if whole else steps[:-1]):
+        if whole and not residuals(base.fit).is_passed:
+            break
+        here = tuple(place for place in places if whole or place.at == old.candidate.insertion.place.at)
         others = [s for s in steps if s is not old]
         fewer = tuple(s.candidate.insertion for s in others)
         without = followed(bench, fewer, _early(base, rules), rules, base.bare)
@@ -84,7 +90,7 @@ def plain(
             values = shared(law.insertion, rich)
             together = (*others, law.insertion)
             try:
-                fit = bench.fit(together, {**base.fit.point, **values}, (bench.last,), rules.sd, patient=False)
+                fit = bench.fit(together, {**base.fit.point, **values}, rules.descent, rules.sd, patient=False)
             except SolverError:
                 continue
             if law.fit is not None and law.fit.values.keys() == fit.values.keys() and law.fit.chi2 < fit.chi2:

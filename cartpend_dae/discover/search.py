@@ -323,7 +323,7 @@ def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _L
     log.tried |= {candidate.insertion.prefix: candidate for candidate in ranked}
     both = couple(bench, base, rules, options, ranked, stage) if rules.regime == "noise" and n_more > 1 else None
     if both is not None:
-        log.base, log.steps = both[0], [*log.steps, *both[1]]
+        log.base, log.steps = swap(bench, both[0], [*log.steps, *both[1]], rules, library, whole=True)
         return log.base
     if not ranked or ranked[0].why_not:
         is_able = rules.regime == "noise" and bool(log.steps)

@@ -44,3 +44,8 @@ class Rules:
     sd: np.ndarray
     loads: tuple[Insertion, ...] = ()
     weighing: Stride = None
+
+    @property
+    def descent(self) -> tuple[float, ...]:
+        """The stages from that of screening on: from far off a fit gets to the last one along these."""
+        return tuple(w for w in self.stages if w <= self.screening)
