@@ -18,11 +18,17 @@ from models.driven_cart import DrivenCart
 from models.linear_damp_mod import LinearDampMod
 from models.rota_damp import RotaDamp
 
-# one effect has two cards: its friction goes by the force in a bearing, or by what a joint passes on
-CARDS = {
-    f"{card.id} at a bearing" if card.load else f"{card.id} of all" if card.insertion == "clock" else card.id: card
-    for card in catalogue()
-}
+
+def called(card):
+    """Name a card; some effects have two: by the force in a bearing, of all signals, under the whole rig."""
+    if card.load:
+        return f"{card.id} at a bearing"
+    if card.insertion == "clock" or (card.id == "base_compliance" and card.insertion == "parallel"):
+        return f"{card.id} of all"
+    return card.id
+
+
+CARDS = {called(card): card for card in catalogue()}
 STEP, DURATION = 0.004, 2.0
 TIME = np.arange(0.0, DURATION + STEP / 2, STEP)
 
@@ -94,7 +100,7 @@ SIZES = {
     "f_2_cos": 2.0, "R_s": 0.1, "V_b": 0.8,
     "e_sin": 0.03, "e_cos": 0.02, "a_sin": 0.1, "a_cos": 0.05, "y_0": 0.05, "a_1_sin": 0.02, "a_1_cos": 0.01,
     "a_2_sin": 0.01, "a_2_cos": 0.01, "T_d": 0.02, "t_0": -0.01, "u_0": 0.5, "u_pos": 0.6, "u_neg": 0.4, "e": 0.1,
-    "b": 0.01, "y_l": -0.03, "h": 1e-4, "r_f": 0.005, "r_2": 0.002,
+    "b": 0.01, "m_r": 1.0, "y_l": -0.03, "h": 1e-4, "r_f": 0.005, "r_2": 0.002,
 }  # fmt: skip
 OTHER_SIZES = {
     ("linear_stiffness", T): {"c": 200.0},
@@ -115,6 +121,7 @@ OTHER_SIZES = {
     ("compliance", R): {"h": 0.05},
     ("compliance", T): {"h": 1e-4},
     ("base_compliance", R): {"h": 2.0},
+    ("base_compliance of all", T): {"w_c": 17.0, "n": 400.0},
     ("backlash", R): {"b": 0.05, "tau_r": 0.2},
     ("chain_polygon", R): {"e": 2.0},
     ("sensor_quantization", None): {"e": 1.0, "q": 0.01, "t_l": 1.0},

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from effect_scenes import CARDS
 
 from cartpend_dae import Component, ModelError, StudyError, assemble, connect, simulate
 from cartpend_dae.effects import Insertion, catalogue, fits, insert, places
@@ -20,10 +21,6 @@ from models.linear_damp_mod import LinearDampMod
 from models.rota_damp import RotaDamp
 
 MODELS = {"pendulum": (RotaDamp, "bearing.phi"), "springs": (LinearDampMod, "encoder.s"), "servo": (EMPS, "encoder.s")}
-CARDS = {
-    f"{card.id} at a bearing" if card.load else f"{card.id} of all" if card.insertion == "clock" else card.id: card
-    for card in catalogue()
-}
 
 
 def first_fitting(model, card, measured):
@@ -219,6 +216,23 @@ def test_a_compliance_is_a_spring_below_its_cut_off():
     crossings = run.time[1:][(s[1:] > 10 * h) & (s[:-1] <= 10 * h)]
     period = np.diff(crossings).mean()
     assert 2 * np.pi / period == pytest.approx(1 / np.sqrt(m * h + 1 / w_c**2), rel=1e-3)
+
+
+def test_a_rig_on_a_base_swings_at_the_frequencies_of_both_masses():
+    """(K - w^2 M) x = 0 of the cart against its base and the base itself, with springs alone."""
+    m, m_b, c_b, c = 4.609 + 6.8, 30.0, 6000.0, 1197.3 + 1320.1
+    mass = np.array([[m, m], [m, m_b + m]])
+    values, shapes = np.linalg.eig(np.linalg.solve(mass, np.diag([c, c_b])))
+    base = {"m_r": m**2 / (m_b + m), "w_c": np.sqrt(c_b / (m_b + m)), "D": 0.0}
+    model = insert(LinearDampMod(), "base_compliance", "rail", **base)
+    rest = 0.095 * (1320.1 - 1197.3) / c  # where both springs pull alike
+    run = simulate(
+        model, 2.0, points=201, start={"encoder.s": rest + 0.05}, parameters={"rail.d": 0.0}, rtol=1e-9, atol=1e-11
+    )
+    shares = np.linalg.solve(shapes, [0.05, 0.0])
+    cart, moved = shapes @ (shares[:, None] * np.cos(np.sqrt(values)[:, None] * run.time))
+    np.testing.assert_allclose(run["encoder.s"], rest + cart, atol=1e-8)
+    np.testing.assert_allclose(run["rail.base_compliance.q"] * m / (m_b + m), moved, atol=1e-8)
 
 
 def test_backlash_has_its_width_between_its_flanks():

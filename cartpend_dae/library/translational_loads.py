@@ -20,6 +20,29 @@ class AddedInertia(CompliantWithSpeed):
         yield self.f == self.m * der(self.v_rel)
 
 
+class MovingBase(CompliantWithSpeed):
+    """Base under the whole rig, f = m_r der(der(q)), der(der(q)) = -w_c^2 (1 + n q^2) q - 2 D w_c der(q) - der(v_rel).
+
+    The rig stands on the base with all that drives, holds and measures it, so that positions are against the base.
+    A body of mass m on a base of mass m_b moves it by q m/(m_b + m), and m_r = m^2/(m_b + m); w_c is the natural
+    frequency of the base with the body held on it, and (m_b + m) w_c^2 the base's stiffness.
+    """
+
+    q = var(unit="m", doc="motion of the base times (m_b + m)/m")
+    qd = var(unit="m/s", doc="derivative of q")
+    m_r: Param = param(unit="kg", default=0.0, min=0, doc="share of the body's mass that shakes the base")
+    w_c: Param = param(unit="rad/s", default=20.0, min=0, doc="natural frequency of the base with the body held")
+    D: Param = param(unit="1", default=0.1, min=0, doc="damping ratio of the base")
+    n: Param = param(unit="1/m2", default=0.0, min=0, doc="hardening of the base")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        yield self.qd == der(self.q)
+        spring = self.w_c * self.q * (1 + self.n * self.q**2)
+        yield der(self.qd) + der(self.v_rel) == -self.w_c * (spring + 2 * self.D * self.qd)
+        yield self.f == self.m_r * der(self.qd)
+
+
 class OneSidedSpring(Compliant):
     """Spring above s_0, f = c max(0, s_rel - s_0); with `side` = -1 below, f = c min(0, s_rel - s_0).
 
