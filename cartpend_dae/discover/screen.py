@@ -196,8 +196,8 @@ def _is_followed(candidate: Candidate) -> bool:
 def _probed(at: "_At", pairs: list["_Judged"]) -> list[Candidate]:
     """Try effects in series at sizes that move the data as much as what is left, if no straight line explains half.
 
-    What gives way resonates: with its size the response grows, and then turns, which no slope at size 0 tells. Each
-    effect is tried from the one of its starts that promises most.
+    What gives way resonates: with its size the response grows, and then turns, which no slope at size 0 tells. What
+    swings beside it tells it, and is no reason not to try. Each effect is tried from the start that promises most.
     """
     found = [c for c, _ in pairs]
     able = [(c, columns) for c, columns in pairs if c.insertion.card.insertion == "series" and len(columns) == 1]
@@ -213,7 +213,8 @@ def _probed(at: "_At", pairs: list["_Judged"]) -> list[Candidate]:
     except (SolverError, ModelError):
         return found
     whole = _left(base.residual, base.base)
-    if max((c.predicted for c in found if not c.why_not), default=0.0) > ENOUGH * whole:
+    plain = (c.predicted for c in found if not c.why_not and not c.insertion.card.resonates)
+    if max(plain, default=0.0) > ENOUGH * whole:
         return found
     probed = list(tried.values())
     better = in_parallel(lambda pair: _at_sizes(at, pair, whole), probed, jobs=at.bench.jobs)

@@ -88,7 +88,8 @@ class Card:
     load
         Of friction at a bearing: the input of the effect that takes the force in it, which the model must know.
     is_elsewhere
-        It does not go where the model knows the force in the bearing, where another card of its id does.
+        It does not go where the model knows the force in a bearing, or a body hangs that tells it: another card of
+        its id does.
     constant, reads
         Of a law: the parameter of the host that it multiplies, and {input of the effect: variable of the host}.
     units
@@ -102,6 +103,8 @@ class Card:
         Of an effect with a wave number: its own variable along which it repeats, by kind of port.
     peaks
         {parameter: another one that it is not below}, or the law is not what the effect is called.
+    resonates
+        It has a mass of its own that swings, and may do nearly what another thing that swings does.
     """
 
     id: str
@@ -125,6 +128,7 @@ class Card:
     takes: Mapping[Kind, Mapping[str, str]] = field(default_factory=dict)
     along: Mapping[Kind, str] = field(default_factory=dict)
     peaks: Mapping[str, str] = field(default_factory=dict)
+    resonates: bool = False
 
     def starts(self, kind: Kind) -> tuple[dict[str, float], ...]:
         """Return every combination of values of shapes and choices from which to start, by name of the parameter."""

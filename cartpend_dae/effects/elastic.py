@@ -2,12 +2,20 @@
 
 from cartpend_dae.effects.card import Card, R, T, choice, level, shape, size
 from cartpend_dae.library import (
+    planar,
     rotational,
     rotational_links,
     rotational_loads,
     translational,
     translational_links,
     translational_loads,
+)
+
+# a base under a whole rig: its natural frequency, damping and hardening
+_BASE = (
+    shape("w_c", (8.0, 12.0, 17.0, 25.0, 50.0)),
+    shape("D", (0.1,), lower=0.0, upper=5.0),
+    shape("n", (0.0,), lower=0.0),
 )
 
 
@@ -150,18 +158,30 @@ def elastic_cards() -> tuple[Card, ...]:
             summary="a base under the whole rig that moves with it",
             insertion="parallel",
             components={T: translational_loads.MovingBase},
-            parameters=(
-                level("m_r"),
-                shape("w_c", (8.0, 12.0, 17.0, 25.0, 50.0)),
-                shape("D", (0.1,), lower=0.0, upper=5.0),
-                shape("n", (0.0,), lower=0.0),
-            ),
+            parameters=(level("m_r"), *_BASE),
             dissipative=False,
             nested_in=(),
             equivalent_to={},
             regressors=("a",),
             excited_by="motion near the natural frequency of the base",
             source="S. Timoshenko, Vibration Problems in Engineering (1928), chapter 1",
+            is_elsewhere=True,
+            resonates=True,
+        ),
+        Card(
+            id="base_compliance",
+            summary="a base under a whole rig whose cart carries a body",
+            insertion="series",
+            components={T: translational_links.CarriedBase},
+            parameters=(level("h"), shape("m", (5.0,)), *_BASE),
+            dissipative=False,
+            nested_in=(),
+            equivalent_to={},
+            regressors=("a",),
+            excited_by="motion near the natural frequency of the base",
+            source="S. Timoshenko, Vibration Problems in Engineering (1928), chapter 1",
+            hosts=(planar.HangingRod,),
+            resonates=True,
         ),
         Card(
             id="backlash",

@@ -36,5 +36,6 @@ def inertial_cards() -> tuple[Card, ...]:
             regressors=("a",),
             excited_by="sudden changes of the motion of its pivot",
             source="L. Meirovitch, Analytical Methods in Vibrations (1967), chapter 7",
+            resonates=True,
         ),
     )

@@ -53,7 +53,8 @@ class Place:
     rival
         The kind of the place that stands for the same motion; an effect that fits there does not go here.
     load
-        Of a bearing, or a port of its shaft: the variable with the force in it, where the model knows that.
+        Of a bearing, a port of its shaft or what carries it: the variable with the force in it, where the model knows
+        that.
     """
 
     at: str
@@ -158,7 +159,9 @@ def _moving(model: Component, named: list[Place]) -> list[Place]:
     reading = _read(model)
     loads = _loads(model, reading)
     motions = [_relative(reading, place) for place in named]
-    found = [replace(place, load=loads.get(motion, "")) for place, motion in zip(named, motions, strict=True)]
+    found = [
+        replace(place, load=loads.get((place.kind, motion), "")) for place, motion in zip(named, motions, strict=True)
+    ]
     return [place for _, place in sorted(zip(motions, found, strict=True), key=lambda item: bool(item[0]))]
 
 
@@ -217,7 +220,7 @@ def _parallel(model: Component, reading: _Reading) -> Iterator[Place]:
             motion = _relative(reading, place)
             if motion:
                 rank = (2 if port_a is None else 0 if _is_damped(component) else 1, order)
-                load = loads.get(motion, "") if kind is R else ""
+                load = loads.get((kind, motion), "")
                 groups.setdefault(motion, []).append((rank, replace(place, load=load)))
     first = list(_merged(groups))
     yield from first
@@ -236,15 +239,21 @@ def _relative(reading: _Reading, place: Place) -> _Motion:
     return _motion(b, a, reading.number)
 
 
-def _loads(model: Component, reading: _Reading) -> dict[_Motion, str]:
-    """Return the forces in bearings that the model knows, by the motion of the shaft."""
-    found: dict[_Motion, str] = {}
+def _loads(model: Component, reading: _Reading) -> dict[tuple[Kind, _Motion], str]:
+    """Return the forces in bearings that the model knows, by the motion of the shaft, and of what carries the bearing.
+
+    The first are loads of friction; the second only tell that a body hangs there.
+    """
+    found: dict[tuple[Kind, _Motion], str] = {}
     for path, component in walk(model):
         for name, declared in variables_of(type(component)).items():
             shaft = declared.declaration.load_of
             if path and shaft:
-                motion = _motion(reading.relation(f"{path}.{shaft}.phi"), None, reading.number)
-                found.setdefault(motion, f"{path}.{name}")
+                for port, of in used_ports_of(component).items():
+                    if port == shaft or type(of) is T:
+                        position = reading.relation(f"{path}.{port}.{COORDINATE[type(of)]}")
+                        motion = _motion(position, None, reading.number)
+                        found.setdefault((type(of), motion), f"{path}.{name}")
     return found
 
 
@@ -265,7 +274,7 @@ def _series(model: Component, reading: _Reading) -> Iterator[Place]:
             rank = 0 if is_gear or _is_ground(place) else 1
             if place.kind is R:
                 motion = _motion(reading.relation(f"{place.at}.phi"), None, reading.number)
-                place = replace(place, load=loads.get(motion, ""))
+                place = replace(place, load=loads.get((R, motion), ""))
             (held if _is_held(place, reading) else groups).setdefault(key, []).append(((rank, order), place))
     # a base stands apart, with what it alone holds: an effect there moves what hangs on it against ground
     bases = {key: group for key, group in held.items() if any(_is_ground(place) for _, place in group)}

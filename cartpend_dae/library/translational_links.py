@@ -70,6 +70,41 @@ class BaseCompliance(Link):
         yield der(self.yd) == self.w_c * (self.w_c * (self.f - self.y) - 2 * self.D * self.yd)
 
 
+class CarriedBase(Component):
+    """Base under a cart that carries a body, s_a = s_b + q, between the body's pivot (a) and the cart (b).
+
+    (m_b + m) (der(der(q)) + 2 D w_c der(q) + w_c^2 (1 + n q^2) q) = -m der(v_b) + f_a and f_b = m der(der(q)) - f_a,
+    with the cart's mass m, that of the base m_b = 1/h, and forces f into this component.
+
+    The rig stands on the base with all that drives, holds and measures it, so that positions of the model are against
+    the base, and those beyond flange a against the ground. h = 0 is a base that does not move. What rubs on the rail
+    is between the cart and the base.
+    """
+
+    flange_a = port(Flange, doc="pivot of the body that the cart carries")
+    flange_b = port(Flange, doc="the cart")
+    v = var(unit="m/s", doc="speed of the cart against the base")
+    q = var(unit="m", doc="position of the base")
+    qd = var(unit="m/s", doc="derivative of q")
+    h: Param = param(unit="1/kg", default=0.0, min=0, doc="1/m_b")
+    m: Param = param(unit="kg", default=5.0, min=0, doc="mass of the cart, which moves with the base")
+    w_c: Param = param(unit="rad/s", default=20.0, min=0, doc="natural frequency of the base with the cart held")
+    D: Param = param(unit="1", default=0.1, min=0, doc="damping ratio of the base")
+    n: Param = param(unit="1/m2", default=0.0, min=0, doc="hardening of the base")
+
+    def equations(self) -> Statements:
+        yield self.flange_a.s == self.flange_b.s + self.q
+        yield self.v == der(self.flange_b.s)
+        yield self.qd == der(self.q)
+        yield initial(self.q == 0, fixed=False)
+        yield self.flange_a.f + self.flange_b.f == self.m * der(self.qd)
+        spring = self.w_c * self.q * (1 + self.n * self.q**2)
+        share = self.h / (1 + self.h * self.m)  # 1/(m_b + m)
+        yield der(self.qd) + self.w_c * (spring + 2 * self.D * self.qd) == share * (
+            self.flange_a.f - self.m * der(self.v)
+        )
+
+
 class Backlash(Link):
     """Backlash, q = b x/2, der(der(x)) = w_c^2 (f/f_r - 9 e) - 4 w_c min(1, 9 |e|) der(x), e = x beyond -1 to 1.
 
