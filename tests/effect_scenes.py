@@ -11,6 +11,7 @@ from cartpend_dae.discover.workbench import renamed
 from cartpend_dae.effects import Insertion, catalogue, insert
 from cartpend_dae.effects.card import E, R, T
 from cartpend_dae.effects.places import place_at
+from cartpend_dae.library.planar import HangingRod
 from cartpend_dae.library.rotational import Spring
 from cartpend_dae.problem import free_parameter, make_problem
 from cartpend_dae.shooting import linearised
@@ -20,12 +21,12 @@ from models.rota_damp import RotaDamp
 
 
 def called(card):
-    """Name a card; some effects have two: by the force in a bearing, of all signals, under the whole rig."""
+    """Name a card; some effects have several: by the force in a bearing, of all signals, under the whole rig."""
     if card.load:
         return f"{card.id} at a bearing"
-    if card.insertion == "clock" or (card.id == "base_compliance" and card.insertion == "parallel"):
+    if card.insertion == "clock" or (card.id == "base_compliance" and card.is_elsewhere):
         return f"{card.id} of all"
-    return card.id
+    return f"{card.id} under a body" if HangingRod in card.hosts else card.id
 
 
 CARDS = {called(card): card for card in catalogue()}
@@ -85,6 +86,7 @@ ELSEWHERE = {
     ("one_sided_spring", T): (SPRINGS, "spring_1"),
     ("base_compliance", R): (PENDULUM, "ground.flange"),
     ("base_compliance", T): (SPRINGS, "left.flange"),
+    ("base_compliance under a body", T): (DRIVEN, "rod.pivot"),
     ("torque_ripple", None): (DRIVEN, "motor.emf.k"),
     ("magnetic_saturation", None): (DRIVEN, "motor.emf.k"),
     ("winding_heating", None): (DRIVEN, "motor.resistor.R"),
@@ -122,6 +124,7 @@ OTHER_SIZES = {
     ("compliance", T): {"h": 1e-4},
     ("base_compliance", R): {"h": 2.0},
     ("base_compliance of all", T): {"w_c": 17.0, "n": 400.0},
+    ("base_compliance under a body", T): {"h": 0.05, "m": 5.0, "w_c": 17.0, "n": 400.0},
     ("backlash", R): {"b": 0.05, "tau_r": 0.2},
     ("chain_polygon", R): {"e": 2.0},
     ("sensor_quantization", None): {"e": 1.0, "q": 0.01, "t_l": 1.0},

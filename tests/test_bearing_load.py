@@ -81,6 +81,23 @@ def test_a_pendulum_on_a_base_that_gives_way_has_two_frequencies():
     np.testing.assert_allclose(run["rod.s"], expected[1], atol=1e-8)
 
 
+def test_a_cart_with_a_rod_on_a_base_moves_as_all_three_masses_do():
+    """(K - w^2 M) x = 0 of cart and base and rod for a small swing, with nothing that drives or brakes the cart."""
+    m_in, m_c, m_p, m_b, w_c = 6.763, 4.609, 0.1719, 20.0, 15.0
+    carried, S_p, J_p = m_c + m_p, m_p * 0.43, m_p * 0.86**2 / 3
+    mass = np.array([[m_in + carried, carried, S_p], [carried, m_b + carried, S_p], [S_p, S_p, J_p]])
+    values, shapes = np.linalg.eig(np.linalg.solve(mass, np.diag([0.0, (m_b + m_c) * w_c**2, S_p * 9.81])))
+    model = insert(DrivenCart(), "base_compliance", "rod.pivot", h=1 / m_b, m=m_c, w_c=w_c, D=0.0)
+    still = {"motor.k": 1e-12, "rail.d": 0.0, "bearing.d": 0.0}
+    run = simulate(model, 3.0, points=301, start={"bearing.phi": 1e-3}, parameters=still, rtol=1e-10, atol=1e-13,
+                   inputs={"amplifier.u": 0.0})  # fmt: skip
+    shares = np.linalg.solve(shapes, [0.0, 0.0, 1e-3])
+    s, b, phi = shapes @ (shares[:, None] * np.cos(np.sqrt(np.maximum(values, 0.0))[:, None] * run.time))
+    np.testing.assert_allclose(run["bearing.phi"], phi, atol=2e-9)
+    np.testing.assert_allclose(run["encoder.s"], s, atol=2e-9)
+    np.testing.assert_allclose(run["rod.pivot.base_compliance.q"], b, atol=2e-9)
+
+
 @pytest.mark.parametrize("e_0", [0.0, 0.4, 1.0])
 def test_torsion_begins_with_the_share_of_the_angle_that_is_not_forgotten(e_0):
     model = insert(RotaDamp(), "bearing_torsion", "bearing", c=0.01, c_1=0.2, T_1=0.3, e_0=e_0)

@@ -36,6 +36,8 @@ DURATION, MOST_SAMPLES = 10.0, 2000
 MOST_RIVALS = 3
 # after so many steps of a rough fit of a rival, so many times the chi^2 of the answer: the runs tell them apart
 EARLY, APART = 5, 4.0
+# where they do not, so many more steps: experiments that are far apart do not ask for the rival's last digits
+NEARLY = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,12 +98,12 @@ def splits(bench: Workbench, search: Search, *, plan: Plan | None = None) -> tup
 
 
 def _fit_of(bench: Workbench, search: Search, together: tuple[Insertion, ...], rival: Candidate) -> Fit:
-    """Fit the model with a rival: roughly, where a few steps show that the runs tell it from the answer already."""
+    """Fit the model with a rival: in a few steps, and fewer where the runs tell it from the answer already."""
     guess, sd, at = search.final.point | rival.parameters, search.final.weights_sd, (search.bandwidth,)
     first = bench.fit(together, guess, at, sd, patient=False, iterations=EARLY, stride=ROUGH)
     if first.chi2 > APART * search.final.chi2:
         return first
-    return bench.fit(together, first.point, at, sd, patient=False)
+    return bench.fit(together, first.point, at, sd, patient=False, iterations=NEARLY)
 
 
 def _rivals(search: Search, step: Step) -> list[Candidate]:
