@@ -48,10 +48,11 @@ def force_at(kind, element, speed, duration=0.05, **options):
 
 @both
 @pytest.mark.parametrize("speed", [0.01, FAST, -FAST])
-def test_dahl_friction_depends_on_the_way_alone_however_fast(kind, speed):
-    element = kind[2].DahlFriction(**{kind[7]: LEVEL, kind[8]: LENGTH})
+@pytest.mark.parametrize(("a", "curve"), [(1.0, lambda z: -np.expm1(-z)), (2.0, lambda z: z / (1 + z))])
+def test_dahl_friction_depends_on_the_way_alone_however_fast(kind, speed, a, curve):
+    element = kind[2].DahlFriction(**{kind[7]: LEVEL, kind[8]: LENGTH}, a=a)
     way, force = force_at(kind, element, speed)
-    assert force == pytest.approx(np.sign(speed) * LEVEL * -np.expm1(-np.abs(way) / LENGTH), abs=CLOSE)
+    assert force == pytest.approx(np.sign(speed) * LEVEL * curve(np.abs(way) / LENGTH), abs=CLOSE)
 
 
 @both

@@ -68,7 +68,7 @@ def try_in_noise(bench: Workbench, base: Base, rules: Rules, options: list[Inser
         return stage, [replace(c, why_not=_promises_little(c, base.fits[stage])) for c in possible] + rest
     wide = [c for c in possible[:WIDE] if c.predicted > FAINT * possible[0].predicted]
     wide += as_well(wide, possible[WIDE:])
-    wide += [c for c in possible if c not in wide and is_simple(c) and any(holds(other, c) for other in wide)]
+    wide += [c for c in possible if c not in wide and any(holds(other, c) for other in wide)]
     wide, elsewhere = at_few_places(wide)
     early = _expected_first_fits(bench, base, rules, stage, wide)
     told = {c.insertion.card.id for c in sorted(early, key=left_early)[:NARROW] if is_composite(c.insertion)}

@@ -157,7 +157,7 @@ def friction_cards() -> tuple[Card, ...]:
             summary="friction with a spring before it slides",
             insertion="parallel",
             components={R: rotational_losses.DahlFriction, T: translational_losses.DahlFriction},
-            parameters=(level("tau_c", "f_c"), PHI_S),
+            parameters=(level("tau_c", "f_c"), PHI_S, choice("a", (1.0, 2.0))),
             dissipative=True,
             nested_in=("lugre_friction",),
             equivalent_to={"coulomb_friction": "swings that are long against the presliding length"},

@@ -31,8 +31,10 @@ def each_way(v: ca.SX, forward: ca.SX, backward: ca.SX) -> ca.SX:
     return forward * ca.fmax(v, 0) + backward * ca.fmin(v, 0)
 
 
-def presliding_rate(z: ca.SX, v: ca.SX, length: ca.SX, lag: ca.SX, peak: ca.SX | float = 1.0) -> ca.SX:
-    """Return (v - |v| z/peak) / max(length, lag |v|): z goes to peak sgn v.
+def presliding_rate(
+    z: ca.SX, v: ca.SX, length: ca.SX, lag: ca.SX, peak: ca.SX | float = 1.0, exponent: ca.SX | float = 1.0
+) -> ca.SX:
+    """Return v (1 - z sgn v/peak)^exponent / max(length, lag |v|): z goes to peak sgn v.
 
     Below the speed length/lag it depends on the way alone: z is there after a few lengths, and at rest it stays. Above,
     where that would take less time than `lag`, it takes `lag`; what is gone by then does not show, and fixed steps can
@@ -42,7 +44,10 @@ def presliding_rate(z: ca.SX, v: ca.SX, length: ca.SX, lag: ca.SX, peak: ca.SX |
     ----------
     P. R. Dahl, AIAA Journal 14 (1976), 1675-1682, doi:10.2514/3.61511, without lag.
     """
-    return (v - ca.fabs(v) * z / peak) / ca.fmax(length, lag * ca.fabs(v))
+    to_go = 1 - z * ca.sign(v) / peak
+    # a power of what may be 0 has no slope there; 1e-6 of the way to go does not show
+    slower = (to_go**2 + 1e-12) ** ((exponent - 1) / 2)
+    return (v - ca.fabs(v) * z / peak) * slower / ca.fmax(length, lag * ca.fabs(v))
 
 
 def slipping_rate(z: ca.SX, v: ca.SX, length: ca.SX, lag: ca.SX) -> ca.SX:

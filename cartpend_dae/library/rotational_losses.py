@@ -113,11 +113,12 @@ class DahlFriction(CompliantWithSpeed):
     z = var(unit="1", doc="deflection of the contact, between -1 and 1")
     tau_c: Param = param(unit="N.m", default=0.0, min=0, doc="Coulomb level")
     phi_s: Param = param(unit="rad", default=0.02, min=0, doc="presliding angle")
+    a: Param = param(unit="1", default=1.0, min=1, doc="exponent, 2 where it yields more gradually")
     T_0: Param = param(unit="s", default=SHORTEST, min=0, doc="shortest time of change", is_shortest_time=True)
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield der(self.z) == presliding_rate(self.z, self.w_rel, self.phi_s, self.T_0)
+        yield der(self.z) == presliding_rate(self.z, self.w_rel, self.phi_s, self.T_0, exponent=self.a)
         yield self.tau == self.tau_c * self.z
 
 

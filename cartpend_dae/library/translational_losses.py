@@ -83,7 +83,7 @@ class PositionDependentFriction(CompliantWithSpeed):
 
 
 class DahlFriction(CompliantWithSpeed):
-    """Dahl friction, f = f_c z, der(z) = (v - |v| z)/max(s_s, |v| T_0), v = v_rel.
+    """Dahl friction, f = f_c z, der(z) = v (1 - z sgn v)^a/max(s_s, |v| T_0), v = v_rel.
 
     z is the deflection of the contact in parts of that at sliding, s_s; the stiffness at rest is f_c/s_s. Above the
     speed s_s/T_0 it changes within T_0, so that fixed steps can follow it.
@@ -92,11 +92,12 @@ class DahlFriction(CompliantWithSpeed):
     z = var(unit="1", doc="deflection of the contact, between -1 and 1")
     f_c: Param = param(unit="N", default=0.0, min=0, doc="Coulomb level")
     s_s: Param = param(unit="m", default=0.002, min=0, doc="presliding length")
+    a: Param = param(unit="1", default=1.0, min=1, doc="exponent, 2 where it yields more gradually")
     T_0: Param = param(unit="s", default=SHORTEST, min=0, doc="shortest time of change", is_shortest_time=True)
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield der(self.z) == presliding_rate(self.z, self.v_rel, self.s_s, self.T_0)
+        yield der(self.z) == presliding_rate(self.z, self.v_rel, self.s_s, self.T_0, exponent=self.a)
         yield self.f == self.f_c * self.z
 
 
