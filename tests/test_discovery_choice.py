@@ -88,6 +88,16 @@ def test_a_plain_law_that_leaves_much_more_starts_from_the_richer_one_that_conta
     assert not simplified([replace(stuck, fit=replace(stuck.fit, chi2=199.0)), rich], lambda c: c.fit.chi2)
 
 
+def test_a_law_whose_fit_is_not_what_it_is_called_starts_from_the_richer_one_that_contains_it(fitted):
+    dip = fitted("stribeck_friction", 0.0, 90.0, tau_c=0.5, tau_s=0.3, w_s=0.001, d=0.0)
+    rich = fitted("lugre_friction", 0.0, 100.0, tau_c=0.4, r_s=1.5, w_s=0.1, phi_s=1e-3, d_1=0.1, d=0.02)
+    (again,) = simplified([dip, rich], lambda c: c.fit.chi2 if c.fit else np.inf)
+    short = {name.rpartition(".")[2]: value for name, value in own(again).parameters.items()}
+    assert short == {"tau_c": 0.4, "tau_s": PEAK * 0.4, "w_s": 0.1, "d": 0.02}
+    peaked = fitted("stribeck_friction", 0.0, 90.0, tau_c=0.5, tau_s=0.6, w_s=0.1, d=0.0)
+    assert not simplified([peaked, rich], lambda c: c.fit.chi2)
+
+
 @pytest.fixture
 def noise(plain_fit):
     """A fit that leaves noise alone."""

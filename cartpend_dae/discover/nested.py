@@ -44,7 +44,9 @@ def restarted(fitted: list[Candidate], worth: Callable[[Candidate], float]) -> l
 
 
 def simplified(fitted: list[Candidate], left: Callable[[Candidate], float]) -> list[Candidate]:
-    """Return the plainer ones of some candidates from the best richer one that leaves much less, with its whole fit.
+    """Return the plainer ones of some candidates from the best richer one, with its whole fit.
+
+    Those that leave much more than it does, and those whose fit is not what they are called.
 
     Parameters
     ----------
@@ -61,7 +63,7 @@ def simplified(fitted: list[Candidate], left: Callable[[Candidate], float]) -> l
     found: list[Candidate] = []
     for plain in fitted:
         rich = min((c for c in fitted if c.fit is not None and holds(c, plain)), key=left, default=None)
-        if rich is None or rich.fit is None or left(plain) < MUCH * left(rich):
+        if rich is None or rich.fit is None or (left(plain) < MUCH * left(rich) and not contradicts(plain)):
             continue
         values = shared(plain.insertion, rich)
         if values:
@@ -79,7 +81,15 @@ def shared(insertion: Insertion, rich: Candidate) -> dict[str, float]:
         values = [there[one] for one in (short, *(short + way for way in WAYS)) if one in there]
         if values:
             found[name] = sum(values) / len(values)
+    for peak, level in insertion.card.peaks.items():
+        if peak not in there and level in there:
+            found[f"{insertion.prefix}.{peak}"] = PEAK * there[level]
     return found
+
+
+def contradicts(candidate: Candidate) -> bool:
+    """Return whether the fit of a candidate is not of the law that it is called."""
+    return candidate.fit is not None and bool(candidate.insertion.contradiction(candidate.fit.values))
 
 
 def own(candidate: Candidate) -> Candidate:
