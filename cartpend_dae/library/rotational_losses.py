@@ -104,7 +104,7 @@ class RadialLoadFriction(CompliantWithSpeed):
 
 
 class DahlFriction(CompliantWithSpeed):
-    """Dahl friction, tau = tau_c z, der(z) = (v - |v| z)/max(phi_s, |v| T_0), v = w_rel.
+    """Dahl friction, tau = tau_c z, der(z) = v (1 - z sgn v)^a/max(phi_s, |v| T_0), v = w_rel.
 
     z is the deflection of the contact in parts of that at sliding, phi_s; the stiffness at rest is tau_c/phi_s. Above
     the speed phi_s/T_0 it changes within T_0, so that fixed steps can follow it.
