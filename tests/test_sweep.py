@@ -91,6 +91,27 @@ def test_a_state_of_the_model_that_is_named_after_an_effect_stays_the_model_s():
         np.testing.assert_allclose(beside, alone, atol=1e-3 * np.abs(alone).max())
 
 
+@pytest.mark.parametrize("bandwidth", [0.0, 30.0])
+def test_no_effect_is_felt_in_a_run_that_begins_under_load(bandwidth):
+    """A start that an effect leaves open once let a base move from the start of a run on, with sizes of 0."""
+    model = DrivenCart()
+    times = 0.01 * np.arange(201)
+    u = 5.0 * np.sign(np.cos(7.0 * times))
+    run = simulate(model, 2.0, points=201, inputs={"amplifier.u": (times, u, "zoh")})
+    values = run["encoder.s"] + 1e-4 * np.random.default_rng(0).standard_normal(times.size)
+    channels = {"encoder.s": Channel(values, "zoh", 1e-4, "m", 0.0)}
+    inputs = {"amplifier.u": Channel(u, "zoh", None, "V", 0.0)}
+    experiment = Experiment("run", "train", run.time, inputs, channels, {}, "free", None)
+    bench = Workbench(Setup(model, (FreeSpec("rail.d"),), (experiment,), (), ()), lambda *_: None)
+    sd, point = bench.problem(()).prior_sd, {"rail.d": 24.0}
+    options = candidates(catalogue(), places(model, ("encoder.s",)), ())
+    firsts = {option.prefix: option for option in reversed(options)}
+    assert "rod.pivot.base_compliance" in firsts
+    none = sweep(bench, (), (), point, bandwidth, sd).residual
+    every = sweep(bench, (), tuple(firsts.values()), point, bandwidth, sd).residual
+    np.testing.assert_allclose(every, none, atol=0.02 * np.abs(none).max())
+
+
 def test_an_effect_that_is_free_already_promises_nothing():
     """The damping of the bearing is free, so that viscous friction there would be the same again.
 
