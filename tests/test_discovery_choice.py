@@ -406,10 +406,10 @@ def test_ten_more_are_fitted_where_the_first_ten_explain_little(monkeypatch, ben
     before = replace(plain_fit, chi2=n + 1000.0)
     tried = []
 
-    def first_fits(bench, base, rules, stage, wide):
+    def first_fits(bench, base, rules, stage, wide, enough=None):
         tried.append(names(wide))
         left = {"constant_load": first_leave, "cubic_stiffness": 10.0}
-        return [replace(c, fit=replace(plain_fit, chi2=n + left[c.insertion.card.id])) for c in wide]
+        return [replace(c, fit=replace(plain_fit, chi2=n + left[c.insertion.card.id])) for c in wide], enough
 
     monkeypatch.setattr(trials, "_screened_where_it_shows", lambda *a: (0.0, screened))
     monkeypatch.setattr(trials, "_first_fits", first_fits)

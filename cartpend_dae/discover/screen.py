@@ -136,7 +136,13 @@ def promise(
     names = tuple(str((option.prefix, dict(option.values))) for option in (*taken, *options))
     at = _At(bench, taken, point, bandwidth, sd, None)
     depends = names, len(taken), dict(point), bandwidth, sd
-    return bench.store.recall("promise", depends, lambda: _promise(at, _batches(options)[0]))
+    batch = _batches(options)[0]
+    parts = [part for part in (batch[::2], batch[1::2]) if part]
+
+    def most() -> float:
+        return max(in_parallel(lambda part: _promise(at, part), parts, jobs=bench.jobs))
+
+    return bench.store.recall("promise", depends, most)
 
 
 def _promise(at: "_At", batch: tuple[Insertion, ...]) -> float:

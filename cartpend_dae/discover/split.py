@@ -88,6 +88,8 @@ def splits(bench: Workbench, search: Search, *, plan: Plan | None = None) -> tup
         together = (*(i for i in taken if i.prefix != chosen.prefix), rival.insertion)
         try:
             fit = _fit_of(at, search, together, rival)
+            if fit.chi2 > APART * search.final.chi2:
+                return None  # the runs tell them apart
             ranking = _ranked(at, (taken, search.final), (together, fit), plan)
         except (SolverError, ModelError):
             return None

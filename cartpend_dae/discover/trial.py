@@ -70,15 +70,16 @@ def try_in_noise(bench: Workbench, base: Base, rules: Rules, options: list[Inser
     wide += as_well(wide, possible[WIDE:])
     wide += [c for c in possible if c not in wide and any(holds(other, c) for other in wide)]
     wide, elsewhere = at_few_places(wide)
-    early = _expected_first_fits(bench, base, rules, stage, wide)
+    early, enough = _first_fits(bench, base, rules, stage, wide)
     told = {c.insertion.card.id for c in sorted(early, key=left_early)[:NARROW] if is_composite(c.insertion)}
     more = [c for c in elsewhere if c.insertion.card.id in told]
     if more:
-        early += _expected_first_fits(bench, base, rules, stage, more)
+        new, enough = _first_fits(bench, base, rules, stage, more, enough)
+        early += new
     if not any(_explains_most(c, base.fits[stage]) for c in early):
         others = [c for c in possible if c not in wide and c not in elsewhere]
         later = [c for c in others if c.predicted > FAINT * possible[0].predicted][:WIDE]
-        early += _expected_first_fits(bench, base, rules, stage, later)
+        early += _first_fits(bench, base, rules, stage, later, enough)[0]
         wide += later
     rest += [replace(c, why_not="others promise more") for c in possible if c not in wide and c not in more]
     rest += [c for c in early if c.why_not]
@@ -89,15 +90,6 @@ def try_in_noise(bench: Workbench, base: Base, rules: Rules, options: list[Inser
     complete = [c for c in judged if c.fit is not None]
     ranked = rounded_first(ordered_by_bic(bench, complete, base, rules))
     return stage, ranked + [c for c in judged if c.fit is None] + rest
-
-
-def _expected_first_fits(
-    bench: Workbench, base: Base, rules: Rules, stage: float, wide: list[Candidate]
-) -> list[Candidate]:
-    """Fit some for the first time, after telling the workbench what comes."""
-    for candidate in wide:
-        bench.expect(candidate.parameters)
-    return _first_fits(bench, base, rules, stage, wide)
 
 
 def _explains_most(candidate: Candidate, before: Fit) -> bool:
@@ -196,10 +188,16 @@ def weighed_trials(
     return rounded_first(ordered(found, second)) + [c for c in judged if c.fit is None] + rest
 
 
-def _first_fits(bench: Workbench, base: Base, rules: Rules, stage: float, wide: list[Candidate]) -> list[Candidate]:
-    """Fit those with the fewest parameters first; where one leaves noise alone, much richer ones need no fit."""
+def _first_fits(
+    bench: Workbench, base: Base, rules: Rules, stage: float, wide: list[Candidate], enough: Candidate | None = None
+) -> tuple[list[Candidate], Candidate | None]:
+    """Fit those with the fewest parameters first; where one leaves noise alone, much richer ones need no fit.
+
+    Return also the one that is `enough`, which may be one of earlier fits.
+    """
+    for candidate in wide:
+        bench.expect(candidate.parameters)
     found: list[Candidate] = []
-    enough: Candidate | None = None
     for count in sorted({len(c.insertion.parameter_names) for c in wide}):
         these = [c for c in wide if len(c.insertion.parameter_names) == count]
         if enough is not None and count > len(enough.insertion.parameter_names) + 1:
@@ -216,7 +214,7 @@ def _first_fits(bench: Workbench, base: Base, rules: Rules, stage: float, wide: 
     again = simplified(found, lambda c: c.fit.chi2 if c.fit else np.inf)
     again += rescanned(bench, base, rules, stage, found)
     new = map(own, each(bench, again, lambda at, c: first_fit(at, base, rules, stage, c), "first fit"))
-    return best_of_each([*found, *new], lambda c: c.fit.chi2 if c.fit else np.inf)
+    return best_of_each([*found, *new], lambda c: c.fit.chi2 if c.fit else np.inf), enough
 
 
 def _enough(bench: Workbench, base: Base, rules: Rules, new: list[Candidate]) -> Candidate | None:
