@@ -105,6 +105,8 @@ class Card:
         {parameter: another one that it is not below}, or the law is not what the effect is called.
     resonates
         It has a mass of its own that swings, and may do nearly what another thing that swings does.
+    knocks
+        It has flanks that long steps would soften until it is something else: it is fitted on fine steps only.
     """
 
     id: str
@@ -129,6 +131,7 @@ class Card:
     along: Mapping[Kind, str] = field(default_factory=dict)
     peaks: Mapping[str, str] = field(default_factory=dict)
     resonates: bool = False
+    knocks: bool = False
 
     def starts(self, kind: Kind) -> tuple[dict[str, float], ...]:
         """Return every combination of values of shapes and choices from which to start, by name of the parameter."""

@@ -188,7 +188,7 @@ def elastic_cards() -> tuple[Card, ...]:
             summary="a gap between two parts that a model joins rigidly",
             insertion="series",
             components={R: rotational_links.Backlash, T: translational_links.Backlash},
-            parameters=(level("b"), shape("tau_r", (0.02, 0.2), ("f_r", (2.0, 20.0))), choice("w_c", (200.0,))),
+            parameters=(level("b"), shape("tau_r", (0.02, 0.2), ("f_r", (2.0, 20.0))), shape("w_c", (200.0,))),
             dissipative=False,
             nested_in=(),
             equivalent_to={},
@@ -196,6 +196,7 @@ def elastic_cards() -> tuple[Card, ...]:
             excited_by="small reversals, with a sensor on either side of the gap",
             source="M. Nordin, P.-O. Gutman, Automatica 38 (2002), 1633-1649, 10.1016/S0005-1098(02)00047-X",
             is_linear=False,
+            knocks=True,
         ),
         Card(
             id="chain_tension_friction",
