@@ -56,11 +56,11 @@ def carry_out(
     with alone(out):
         if order.command == "identify":
             fit = _computed(opened, order, jobs=jobs, report=report)
-            _write(out, opened, fit, time.monotonic() - begin)
+            _write(out, opened, fit, time.monotonic() - begin, jobs)
             return fit
         with kept_stages(out, resume=resume) as kept:
             found = _computed(opened, order, jobs=jobs, report=report, stages=kept.folder)
-            _write(out, opened, found, time.monotonic() - begin)
+            _write(out, opened, found, time.monotonic() - begin, jobs)
             kept.is_done = not (isinstance(found, Discovery) and found.search.interrupted)
         return found
 
@@ -87,11 +87,13 @@ def _by_joint_runs(opened: Opened, order: Order) -> Identification:
     return Identification(fit, errors, residuals(fit))
 
 
-def _write(out: Path, opened: Opened, found: Discovery | Identification, seconds: float) -> None:
+def _write(out: Path, opened: Opened, found: Discovery | Identification, seconds: float, jobs: Workers) -> None:
+    here = jobs if isinstance(jobs, int) else 1  # other machines do not see the folder
     if isinstance(found, Discovery):
-        write_discovery(out, opened, found, seconds)
+        write_discovery(out, opened, found, seconds, jobs=here)
     else:
-        write_identification(out, opened, found, seconds, looks_ahead=not any(fmus_in(opened.model)))
+        looks_ahead = not any(fmus_in(opened.model))
+        write_identification(out, opened, found, seconds, looks_ahead=looks_ahead, jobs=here)
 
 
 def run_fleet(
@@ -186,7 +188,7 @@ def _into(out: Path, row: Row, opened: Opened, order: Order, *, jobs: Workers = 
 def _finished(row: Row, folder: Path, opened: Opened, found: Discovery | Identification, seconds: float) -> Row:
     def work() -> Row:
         with alone(folder):
-            _write(folder, opened, found, seconds)
+            _write(folder, opened, found, seconds, jobs=1)
         return told_by(replace(row, state="done", seconds=seconds), folder)
 
     return _tried(row, work)

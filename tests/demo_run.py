@@ -45,9 +45,9 @@ def demo_run() -> DemoRun:
     seen = []
     write = fleet.write_discovery
 
-    def spy(out, opened, discovery, seconds):
+    def spy(out, opened, discovery, seconds, *, jobs):
         seen.append((opened, discovery))
-        return write(out, opened, discovery, seconds)
+        return write(out, opened, discovery, seconds, jobs=jobs)
 
     with patch.object(fleet, "write_discovery", spy):
         printed = CliRunner().invoke(cli.app, ["demo", "--out", str(folder)])

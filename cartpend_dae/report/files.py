@@ -23,6 +23,7 @@ from cartpend_dae.discover.store import STAGES
 from cartpend_dae.errors import CutOffError, StudyError
 from cartpend_dae.experiment_design import Ranking
 from cartpend_dae.identify import Fit
+from cartpend_dae.parallel import in_parallel
 from cartpend_dae.report.ahead import ahead_of_discovery, ahead_of_fit
 from cartpend_dae.report.beyond import unknown_table
 from cartpend_dae.report.model_plus import model_plus_source
@@ -117,14 +118,19 @@ def kept_stages(out: Path, *, resume: bool) -> Iterator[Kept]:
             shutil.rmtree(kept.folder, ignore_errors=True)
 
 
-def write_discovery(folder: Path, opened: Opened, discovery: Discovery, seconds: float) -> dict[str, Any]:
-    """Write all results of `discover` to a folder, and return what stands in `result.json`."""
+def write_discovery(
+    folder: Path, opened: Opened, discovery: Discovery, seconds: float, *, jobs: int = 1
+) -> dict[str, Any]:
+    """Write all results of `discover` to a folder, and return what stands in `result.json`.
+
+    Figures of runs are drawn in `jobs` processes.
+    """
     search = discovery.search
     result = discovery_result(opened, discovery, seconds)
     with complete(folder) as partial:
         (partial / "model_plus.py").write_text(model_plus_source(opened, discovery), "utf-8")
         after = discovery.after if search.steps else None
-        result["files"] = {"runs": _runs(partial, discovery.before, after)}
+        result["files"] = {"runs": _runs(partial, discovery.before, after, jobs=jobs)}
         result["horizons"] = plain(ahead_of_discovery(discovery))
         _json(partial / RESULT, result)
         _parameters(partial / "parameters.csv", opened, {"before": search.baseline, "after": search.final})
@@ -138,15 +144,16 @@ def write_discovery(folder: Path, opened: Opened, discovery: Discovery, seconds:
 
 
 def write_identification(
-    folder: Path, opened: Opened, found: Identification, seconds: float, *, looks_ahead: bool = True
+    folder: Path, opened: Opened, found: Identification, seconds: float, *, looks_ahead: bool = True, jobs: int = 1
 ) -> dict[str, Any]:
     """Write all results of `identify` to a folder, and return what stands in `result.json`.
 
     `looks_ahead` adds the errors over horizons, for which the package itself must be able to simulate the model.
+    Figures of runs are drawn in `jobs` processes.
     """
     result = identification_result(opened, found, seconds)
     with complete(folder) as partial:
-        result["files"] = {"runs": _runs(partial, found.errors, None, found.bands)}
+        result["files"] = {"runs": _runs(partial, found.errors, None, found.bands, jobs=jobs)}
         result["horizons"] = plain(ahead_of_fit(opened.setup, found.fit)) if looks_ahead else []
         _json(partial / RESULT, result)
         _parameters(partial / "parameters.csv", opened, {"fit": found.fit})
@@ -178,19 +185,27 @@ def _figure(path: Path, figure: Figure) -> None:
 
 
 def _runs(
-    folder: Path, before: Assessment, after: Assessment | None, bands: Mapping[str, np.ndarray] | None = None
+    folder: Path,
+    before: Assessment,
+    after: Assessment | None,
+    bands: Mapping[str, np.ndarray] | None = None,
+    *,
+    jobs: int,
 ) -> dict[str, str]:
     """Write series and figure of each run, and the overview of all; return the name of the table of each run."""
-    files: dict[str, str] = {}
     last = {run.name: run for run in after.runs} if after else {}
     taken: set[str] = set(TAKEN)
-    for run in before.runs:
-        stem, sd = _file_name(run.name, taken), (bands or {}).get(run.name)
-        files[run.name] = f"{stem}.csv"
-        run_table(run, last.get(run.name), sd).to_csv(folder / files[run.name], index=False)
+    stems = [_file_name(run.name, taken) for run in before.runs]
+
+    def write(number: int) -> None:
+        run, stem = before.runs[number], stems[number]
+        sd = (bands or {}).get(run.name)
+        run_table(run, last.get(run.name), sd).to_csv(folder / f"{stem}.csv", index=False)
         _figure(folder / f"{stem}.png", plots.run_figure(run, last.get(run.name), sd=sd))
+
+    list(in_parallel(write, range(len(stems)), jobs=jobs))
     _figure(folder / "residuals.png", plots.level_figure(before, after))
-    return files
+    return {run.name: f"{stem}.csv" for run, stem in zip(before.runs, stems, strict=True)}
 
 
 def _file_name(run: str, taken: set[str]) -> str:
