@@ -117,13 +117,14 @@ class Workbench:
             system = assembled(self.setup.model, insertions, experiments)
         free = self._free(system, insertions, scales)
         problem = self._problem(system, free, renamed(experiments, insertions), self.setup.step)
-        is_fine = _needs_fine_steps(system, insertions)
-        if stride == "fine" or (stride == ROUGH and is_fine):
+        is_late = _is_late(system, insertions)
+        knocks = any(insertion.card.knocks for insertion in insertions)
+        if stride == "fine" or (stride == ROUGH and (is_late or knocks)):
             return replace(problem, step=fine_step(self.setup), stride=ROUGH)
         if stride == "weighed":
             return replace(problem, step=weighing_step(self.setup), stride=ROUGH)
         if stride is None:
-            return replace(problem, step=fine_step(self.setup)) if is_fine else problem
+            return replace(problem, step=fine_step(self.setup)) if is_late else problem
         return replace(problem, step=None, stride=stride)
 
     def with_weights(
@@ -296,11 +297,10 @@ def weighing_step(setup: Setup) -> float:
     return setup.step or max(fine_step(setup), LONGEST * SHORTEST)
 
 
-def _needs_fine_steps(system: System, insertions: tuple[Insertion, ...]) -> bool:
-    """Return whether an effect knocks, or delays a signal, which longer steps would delay by half of one."""
+def _is_late(system: System, insertions: tuple[Insertion, ...]) -> bool:
+    """Return whether an effect delays a signal: steps that are longer than it would delay it by half of one."""
     prefixes = tuple(f"{i.prefix}." for i in insertions if i.card.insertion in SIGNALS)
-    is_late = any(system.parameters[k].name.startswith(prefixes) for k in shortest_times(system))
-    return is_late or any(i.card.knocks for i in insertions)
+    return any(system.parameters[k].name.startswith(prefixes) for k in shortest_times(system))
 
 
 def _key(insertions: tuple[Insertion, ...]) -> tuple[str, ...]:

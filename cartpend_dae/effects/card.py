@@ -106,7 +106,7 @@ class Card:
     resonates
         It has a mass of its own that swings, and may do nearly what another thing that swings does.
     knocks
-        It has flanks that long steps would soften until it is something else: it is fitted on fine steps only.
+        It has flanks that long steps would soften until it is something else: its first fits are on fine ones.
     """
 
     id: str
