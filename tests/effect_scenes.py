@@ -125,9 +125,7 @@ OTHER_SIZES = {
     ("base_compliance", R): {"h": 2.0},
     ("base_compliance of all", T): {"w_c": 17.0, "n": 400.0},
     ("base_compliance under a body", T): {"h": 0.05, "m": 5.0, "w_c": 17.0, "n": 400.0},
-    # flanks that the steps of a scene can follow
-    ("backlash", R): {"b": 0.05, "tau_r": 0.2, "w_c": 40.0},
-    ("backlash", T): {"w_c": 40.0},
+    ("backlash", R): {"b": 0.05, "tau_r": 0.2},
     ("chain_polygon", R): {"e": 2.0},
     ("sensor_quantization", None): {"e": 1.0, "q": 0.01, "t_l": 1.0},
     ("saturation", None): {"e": 0.8, "u_max": 4.0},
