@@ -21,9 +21,9 @@ def clean_run(coulomb):
     return independent.pendulum(duration=DURATION, angle=RELEASE, viscous=VISCOUS, coulomb=coulomb)
 
 
-def noisy_setup(run, seed):
+def noisy_setup(run, seed, noise=NOISE):
     times, angles = run
-    measured = angles + NOISE * np.random.default_rng(seed).standard_normal(angles.size)
+    measured = angles + noise * np.random.default_rng(seed).standard_normal(angles.size)
     channel = Channel(measured, "zoh", None, "rad", 0.0)
     start = {"bearing.phi": Start(None, True), "bearing.w": Start(0.0, False)}
     experiment = Experiment("release", "train", times, {}, {"bearing.phi": channel}, start, "free", None)

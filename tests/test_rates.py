@@ -11,6 +11,7 @@ from cartpend_dae.discover.rates import made_anew
 from cartpend_dae.discover.split import Split
 from cartpend_dae.discover.trial import too_little
 from cartpend_dae.effects import catalogue, insertion_at
+from cartpend_dae.experiment_design import Plan
 from models.rota_damp import RotaDamp
 
 pytestmark = pytest.mark.xdist_group("rates")
@@ -90,12 +91,30 @@ def test_what_gains_nothing_rises_by_no_minus_zero():
     assert too_little(7.0).startswith("BIC falls by 7.0, less than")
 
 
-def test_a_larger_release_splits_two_kinds_of_drag(bench, right):
+def drag_as_rival(bench):
+    """Return the search that names Coulomb friction, with quadratic drag, fitted in its place, as a rival."""
+    friction, drag = (
+        refit(bench, (insertion_at(RotaDamp(), effect, "bearing"),))
+        for effect in ("coulomb_friction", "quadratic_drag")
+    )
+    step = replace(friction.steps[0], aliases=("quadratic_drag at bearing",))
+    return replace(friction, steps=(step,), candidates=(drag.steps[0].candidate,)), drag.final
+
+
+def test_no_experiment_is_planned_for_a_rival_that_the_runs_refute(bench):
+    search, drag = drag_as_rival(bench)
+    assert drag.chi2 > 100 * search.final.chi2
+    assert splits(bench, search) == ()
+
+
+def test_a_larger_release_splits_two_kinds_of_drag():
     """Dry friction against quadratic drag: the larger the swing, the further they lie apart."""
-    drag = refit(bench, (insertion_at(RotaDamp(), "quadratic_drag", "bearing"),)).steps[0].candidate
-    step = replace(right.steps[0], aliases=("quadratic_drag at bearing",))
-    pair = replace(right, steps=(step,), candidates=(drag,))
-    (split,) = splits(bench, pair)
+    bench = Workbench(noisy_setup(clean_run(COULOMB), 2, noise=20 * NOISE))
+    search, drag = drag_as_rival(bench)
+    assert drag.chi2 < 2 * search.final.chi2
+    # an encoder as good as that of the other tests
+    plan = Plan({"bearing.phi": 1.2}, {"bearing.phi": NOISE}, 6.0, 100.0, 0.5, 5.0)
+    (split,) = splits(bench, search, plan=plan)
     assert (split.chosen, split.rival) == ("bearing.coulomb_friction", "bearing.quadratic_drag")
     names = [name for name, _ in split.ranking]
     distances = [distance for _, distance in split.ranking]
