@@ -18,6 +18,7 @@ from blind.same_data import simpler_laws
 from blind.scorer import equivalences, is_place, score, wilson
 from blind.sizes import FINE, HIGHEST, LOWEST, Column, outputs
 from blind.table import TITLE, page, put_into
+from blind.table import main as table
 from blind.writer import write
 
 from cartpend_dae.effects import catalogue, places
@@ -265,14 +266,31 @@ def test_what_is_kept_of_a_result_gives_the_same_table(loaded, tmp_path, monkeyp
 def test_a_new_table_takes_the_place_of_the_old_one(tmp_path):
     target = tmp_path / "validation.md"
     target.write_text("# Validation\n\n## First\n\nText.\n\n## Last\n")
-    put_into(target, "command", ["old"])
-    put_into(target, "command", ["new"])
+    put_into(target, TITLE, "command", ["old"])
+    put_into(target, TITLE, "command", ["new"])
     text = target.read_text()
     assert text.count(TITLE) == 1 and "old" not in text and "new" in text
     assert text.startswith("# Validation\n\n## First\n\nText.\n\n## Last\n")
     target.write_text(text + "\n## After\n\nMore.\n")
-    put_into(target, "command", ["third"])
+    put_into(target, TITLE, "command", ["third"])
     assert target.read_text().endswith("third\n\n## After\n\nMore.\n")
+
+
+def test_earlier_packages_get_a_row_each_and_a_page_of_their_own(loaded, tmp_path, monkeypatch, capsys):
+    found = result([("constant_load", "bearing")]) | {"seconds": 1.0}
+    monkeypatch.setattr("blind.run.discover", lambda study, timeout: (found, ""))
+    monkeypatch.setattr("blind.store.KEPT", tmp_path / "kept.jsonl")
+    one(loaded[Key("rota_damp", "noise", LOAD, 0)], tmp_path, frozenset(), "p1", 1.0)
+    target, history = tmp_path / "validation.md", tmp_path / "history.md"
+    target.write_text("# Validation\n")
+    history.write_text("# Earlier\n")
+    options = ["--tuning", "--package", "p2", "--before", "p1", "--store", str(tmp_path)]
+    table([*options, "--write", str(target), "--history", str(history)])
+    assert "| p1 | 1 | 1/1 |  |  |  |  |" in target.read_text()
+    assert "### By the earlier package p1" not in target.read_text()
+    assert "### By the earlier package p1" in history.read_text()
+    table(options)
+    assert "### By the earlier package p1" in capsys.readouterr().out
 
 
 def test_all_cases_have_keys():

@@ -3,7 +3,7 @@
 Each cell says how many data sets stand behind it; shares have 95 % intervals after Wilson. Of what is not exactly right
 it says where a simpler case of the hidden law was found that explains as much, which counts as wrong. Without
 `--tuning` only reported seeds count. With `--keep` what was run is kept in the repository, where the next table finds
-it.
+it. With `--history` the tables of earlier packages go to a page of their own, and one row of each follows the table.
 """
 
 import argparse
@@ -24,8 +24,9 @@ from blind.same_data import simpler_laws
 from blind.scorer import Score, score, wilson
 
 Record = dict[str, Any]
-TITLE = "## Blind data sets"
+TITLE, EARLIER = "## Blind data sets", "## What is kept"
 COMMAND = "python tests/blind/run.py --report --seeds {}; python tests/blind/table.py --keep --write docs/validation.md"
+KINDS_IN_ORDER = ("single", "pair", "triple", "none", "open")
 FAILED = Score(False, False, 0, 0, None, "failed", False, False)
 
 
@@ -175,6 +176,32 @@ def page(every: list[Record], package: str, *, tuning: bool, detail: bool) -> li
     return [*lines, *sections(found, detail), *misses(found)]
 
 
+def summary(every: list[Record], packages: list[str], *, tuning: bool) -> list[str]:
+    """Return a table of earlier packages, newest first: what of each kind of data set was right."""
+    lines = [
+        "",
+        "### Earlier packages",
+        "",
+        "| package | data sets | single: first | pair: exact | triple: exact | none: got an addition | open: flagged |",
+        "|---|--:|---|---|---|---|---|",
+    ]
+    for package in packages:
+        chosen = [r for r in every if r["package"] == package and (r["truth"]["seed"] < REPORTED_FROM) == tuning]
+        cells = [counted(kind, [scored(r) for r in chosen if r["truth"]["kind"] == kind]) for kind in KINDS_IN_ORDER]
+        lines.append(f"| {package} | {len(chosen)} | {' | '.join(cells)} |")
+    return lines
+
+
+def counted(kind: str, scores: list[Score]) -> str:
+    """Return how many of the data sets of a kind count as what the head of its column says."""
+    hits = {
+        "none": sum(s.n_steps > 0 for s in scores),
+        "open": sum(s.is_flagged for s in scores),
+        "single": sum(s.is_first for s in scores),
+    }.get(kind, sum(s.is_exact for s in scores))
+    return f"{hits}/{len(scores)}" if scores else ""
+
+
 def main(argv: list[str] | None = None) -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -186,6 +213,7 @@ def main(argv: list[str] | None = None) -> int:
         "--before", action="append", default=[], help="hash of an earlier package, whose table follows; may be repeated"
     )
     parser.add_argument("--write", type=Path, help="put the table into this page, in place of the one that is there")
+    parser.add_argument("--history", type=Path, help="put the tables of earlier packages into this page")
     parser.add_argument("--keep", action="store_true", help="put what was run beside what the repository keeps")
     options = parser.parse_args(argv)
     package = options.package or store.package()
@@ -193,13 +221,22 @@ def main(argv: list[str] | None = None) -> int:
     if options.keep:
         store.keep(found)
     lines = page(found, package, tuning=options.tuning, detail=options.detail)
+    history: list[str] = []
     for before in options.before:
         earlier = page(found, before, tuning=options.tuning, detail=options.detail)
-        lines += ["", f"### By the earlier package {before}", "", *(line.replace("### ", "#### ") for line in earlier)]
+        history += ["", f"### By the earlier package {before}", "", *(k.replace("### ", "#### ") for k in earlier)]
+    if options.history:
+        lines += summary(found, options.before, tuning=options.tuning)
+    else:
+        lines += history
     print("\n".join(lines))
+    further = "".join(f" --before {before}" for before in options.before)
     if options.write:
-        further = "".join(f" --before {before}" for before in options.before)
-        put_into(options.write, COMMAND.format(seeds_of(found, package)) + further, lines)
+        pages = f" --history {options.history}" if options.history else ""
+        put_into(options.write, TITLE, COMMAND.format(seeds_of(found, package)) + pages + further, lines)
+    if options.history:
+        command = f"python tests/blind/table.py --history {options.history}{further}"
+        put_into(options.history, EARLIER, command, history)
     return 0
 
 
@@ -209,11 +246,11 @@ def seeds_of(found: list[Record], package: str) -> str:
     return f"{seeds[0]}-{seeds[-1]}" if seeds else f"{REPORTED_FROM}"
 
 
-def put_into(target: Path, command: str, lines: list[str]) -> None:
+def put_into(target: Path, title: str, command: str, lines: list[str]) -> None:
     """Put the table into a page as a section of its own, in place of the one that stands there, or at its end."""
-    before, _, rest = target.read_text("utf-8").partition(f"\n{TITLE}\n")
+    before, _, rest = target.read_text("utf-8").partition(f"\n{title}\n")
     _, mark, tail = rest.partition("\n## ")
-    section = [TITLE, "", f"`{command}`", "", *lines]
+    section = [title, "", f"`{command}`", "", *lines]
     target.write_text(before.rstrip("\n") + "\n\n" + "\n".join(section).rstrip("\n") + "\n" + mark + tail, "utf-8")
 
 
