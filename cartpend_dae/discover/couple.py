@@ -20,7 +20,13 @@ from cartpend_dae.discover.records import Candidate, Step
 from cartpend_dae.discover.screen import is_other_law
 from cartpend_dae.discover.shortlist import chosen
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import MIN_BIC_GAIN, is_far_from_noise, is_left_to_shape, left_early
+from cartpend_dae.discover.trial import (
+    MIN_BIC_GAIN,
+    is_far_from_noise,
+    is_left_to_shape,
+    is_shape_error,
+    left_early,
+)
 from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import ModelError, SolverError
@@ -28,6 +34,9 @@ from cartpend_dae.identify import Fit
 
 # so many of the best couples are fitted with less injection, in so many steps, and the best to the end
 NARROW, LATER, LAST = 4, 12, 2
+# where an effect leaves noise alone, couples that leave so many times more than it are not fitted any further: after
+# the first steps, with much injection, and then
+FIRST_BEHIND, BEHIND = 1.5, 1.1
 # a rough fit that leaves more than so many times noise leaves something else, unless it is white
 LOOSE = 2.0
 
@@ -57,7 +66,7 @@ def couple(
         is_left = not is_composite(best.insertion) and is_left_to_shape(base.bare, best.fit)
         if is_left or is_noise_alone(best.fit):
             few, lower = _instead(bench, base, rules, options, best, ranked, stage)
-            return _whole(bench, base, rules, few, ranked, lower) if few else None
+            return _whole(bench, base, rules, few, ranked, lower, best) if few else None
     made = _whole(bench, base, rules, promising(ranked), ranked, stage)
     if made is not None:
         return made
@@ -66,23 +75,37 @@ def couple(
 
 
 def _whole(
-    bench: Workbench, base: Base, rules: Rules, few: list[Couple], ranked: list[Candidate], stage: float
+    bench: Workbench,
+    base: Base,
+    rules: Rules,
+    few: list[Couple],
+    ranked: list[Candidate],
+    stage: float,
+    alone: Candidate | None = None,
 ) -> tuple[Base, list[Step]] | None:
-    """Return the model with the plainest of some couples that leaves nothing but noise; see `couple`."""
+    """Return the model with the plainest of some couples that leaves nothing but noise; see `couple`.
+
+    Where one effect does so `alone`, couples need no more parameters, and leave hardly more at each stage.
+    """
+    most = np.inf if alone is None else len(alone.insertion.parameter_names)
     for pair in few:
         for part in (pair.one, pair.other):
             bench.expect({name: pair.parameters[name] for name in part.insertion.parameter_names})
     few = _fitted(bench, base, rules, few, (stage,), (EARLY, ROUGH))[:NARROW]
-    rich = _fitted(bench, base, rules, richer(few, ranked), (stage,), (EARLY, ROUGH))
+    more = [c for c in richer(few, ranked) if c.n_parameters <= most]
+    rich = _fitted(bench, base, rules, more, (stage,), (EARLY, ROUGH))
     few = [c for c in (*rich, *few) if c.fit is not None and _may_leave_noise(c.fit)]
+    few = _not_behind(bench, base, rules, few, alone, (stage, EARLY, FIRST_BEHIND))
     few += chosen_anew(few)
     least = bench.last or min(w for w in rules.stages if w > 0)
     few = _fitted(bench, base, rules, few, (least,), (LATER, ROUGH))[:LAST]
+    few = _not_behind(bench, base, rules, few, alone, (least, LATER, BEHIND))
     close = [c for c in few[:1] if c.fit is not None and c.fit.chi2 < LOOSE * c.fit.n_residuals]
     last = _fitted(bench, base, rules, few, (bench.last,), None)
     few = [c for c in last if c.fit is not None and is_noise_alone(c.fit)]
     if close and not few:
-        rich = _fitted(bench, base, rules, next_richer(close[0], ranked), (least,), (LATER, ROUGH))[:LAST]
+        more = [c for c in next_richer(close[0], ranked) if c.n_parameters <= most]
+        rich = _fitted(bench, base, rules, more, (least,), (LATER, ROUGH))[:LAST]
         rich = _fitted(bench, base, rules, rich, (bench.last,), None)
         few = [c for c in rich if c.fit is not None and is_noise_alone(c.fit)]
     few = few or [c for c in last[:1] if c.fit is not None and is_left_to_shape(base.bare, c.fit)]
@@ -94,6 +117,23 @@ def _whole(
         if made is not None:
             return made
     return None
+
+
+def _not_behind(
+    bench: Workbench,
+    base: Base,
+    rules: Rules,
+    couples: list[Couple],
+    alone: Candidate | None,
+    at: tuple[float, int, float],
+) -> list[Couple]:
+    """Leave out couples that leave so many times more, after as many steps at a stage, than an effect does alone."""
+    if alone is None or not couples:
+        return couples
+    stage, iterations, times = at
+    taken, guess = (*base.taken, alone.insertion), base.fits.get(stage, base.fit).point | alone.parameters
+    fit = bench.fit(taken, guess, (stage,), rules.sd, patient=False, iterations=iterations, stride=ROUGH)
+    return [c for c in couples if c.fit is not None and c.fit.chi2 < times * fit.chi2]
 
 
 def _may_leave_noise(fit: Fit) -> bool:
@@ -329,6 +369,8 @@ def _made(
         done.append(replace(as_fitted(part, fit, base.fit), gain=gain))
     if alone:
         best = max(alone, key=lambda c: c.gain)
+        if best.fit is not None and is_shape_error(base, best.fit):
+            return None
         after = base_of(bench, base, base.taken, best, rules)
         others = [c for c in ranked if c.insertion.prefix != best.insertion.prefix]
         return after, [step_of(best, residuals(after.fit), [best, *others])]

@@ -1,4 +1,4 @@
-"""Data sets in which a part of the hidden law never acts: all values are, bit for bit, those of a simpler law."""
+"""Data sets in which a part of the hidden law never acts: what is trained on is, bit for bit, that of a simpler law."""
 
 from functools import cache
 from typing import Any
@@ -7,13 +7,16 @@ import numpy as np
 
 from blind.generate import Draft, draft, kinds_of, sized
 from blind.keys import Key
+from blind.rigs import ROLES
 from blind.scorer import equivalences
 from blind.sizes import FINE, Column, outputs
 from blind.stepping import Array
 
 
 def simpler_laws(truth: dict[str, Any]) -> tuple[tuple[str, str], ...]:
-    """Return effects and places that give bit for bit the data of a hidden effect, all runs, in one data set.
+    """Return effects and places that give bit for bit the data of a hidden effect, all training runs, in one data set.
+
+    What acts in the test run alone nobody can find; the error there tells.
 
     Parameters
     ----------
@@ -28,7 +31,7 @@ def simpler_laws(truth: dict[str, Any]) -> tuple[tuple[str, str], ...]:
 
 @cache
 def _is_the_same(key: Key, name: str, like: str) -> bool:
-    """Return whether nothing that is measured changes where the number `name` of the law becomes that of `like`."""
+    """Return whether nothing that is trained on changes where the number `name` of the law becomes that of `like`."""
     item = draft(key)
     if sized([item]):
         return False
@@ -38,5 +41,6 @@ def _is_the_same(key: Key, name: str, like: str) -> bool:
 
 def _clean(item: Draft, law: dict[str, float]) -> Array:
     pushes = item.pushes or [None] * len(item.runs)
-    columns = [Column(item.p, (law,), run, push) for run, push in zip(item.runs, pushes, strict=True)]
+    seen = [pair for pair, role in zip(zip(item.runs, pushes, strict=True), ROLES, strict=True) if role == "train"]
+    columns = [Column(item.p, (law,), run, push) for run, push in seen]
     return outputs(item.rig, kinds_of(item.key), columns, FINE)
