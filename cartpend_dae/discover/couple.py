@@ -16,6 +16,7 @@ from cartpend_dae.discover.evidence import bic
 from cartpend_dae.discover.gate import is_clean, is_noise_alone, residuals
 from cartpend_dae.discover.nested import as_plain, holds, shared
 from cartpend_dae.discover.promising import EARLY, Couple, beside, promising
+from cartpend_dae.discover.rattle import is_all_that_tells
 from cartpend_dae.discover.records import Candidate, Step
 from cartpend_dae.discover.screen import is_other_law
 from cartpend_dae.discover.shortlist import chosen
@@ -63,7 +64,9 @@ def couple(
     """
     best = next((c for c in ranked[:1] if c.fit is not None and not c.why_not), None)
     if best is not None and best.fit is not None:
-        is_left = not is_composite(best.insertion) and is_left_to_shape(base.bare, best.fit)
+        is_left = not is_composite(best.insertion) and (
+            is_left_to_shape(base.bare, best.fit) or is_all_that_tells(bench, base.bare, best.fit)
+        )
         if is_left or is_noise_alone(best.fit):
             few, lower = _instead(bench, base, rules, options, best, ranked, stage)
             return _whole(bench, base, rules, few, ranked, lower, best) if few else None

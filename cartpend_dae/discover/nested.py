@@ -12,6 +12,8 @@ from cartpend_dae.effects import Insertion
 
 # a peak at rest begins so many times as high as what it peaks above: at its height no start from rest tells it
 PEAK = 1.3
+# ... or as many as a law says that has this parameter
+RATIO = "r_s"
 # a law that leaves so many times more than a richer one starts from that
 MUCH = 2.0
 # ends of names of a parameter each way
@@ -20,6 +22,8 @@ WAYS = ("_pos", "_neg")
 
 def restarted(fitted: list[Candidate], worth: Callable[[Candidate], float]) -> list[Candidate]:
     """Return the richer ones of some candidates from the best plainer one that is worth more, with its whole fit.
+
+    One whose fit is not of the law that it is called is worth nothing.
 
     Parameters
     ----------
@@ -37,7 +41,8 @@ def restarted(fitted: list[Candidate], worth: Callable[[Candidate], float]) -> l
     for rich in fitted:
         plain = [c for c in fitted if c.fit is not None and holds(rich, c)]
         best = max(plain, key=worth, default=None)
-        if best is None or best.fit is None or (rich.fit is not None and worth(rich) >= worth(best)):
+        is_better = rich.fit is not None and not contradicts(rich) and best is not None and worth(rich) >= worth(best)
+        if best is None or best.fit is None or is_better:
             continue
         found.append(replace(rich, parameters={**best.fit.point, **as_plain(rich.insertion, best)}, fit=None))
     return found
@@ -83,7 +88,7 @@ def shared(insertion: Insertion, rich: Candidate) -> dict[str, float]:
             found[name] = sum(values) / len(values)
     for peak, level in insertion.card.peaks.items():
         if peak not in there and level in there:
-            found[f"{insertion.prefix}.{peak}"] = PEAK * there[level]
+            found[f"{insertion.prefix}.{peak}"] = there.get(RATIO, PEAK) * there[level]
     return found
 
 

@@ -13,11 +13,12 @@ from cartpend_dae.discover.edges import off_edges
 from cartpend_dae.discover.evidence import determined, lead, with_robust_sd
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.mirror import mirrored
+from cartpend_dae.discover.rattle import RattlingError, is_all_that_tells, least_that_tells
 from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdict
 from cartpend_dae.discover.regime import best_bandwidth, sampling_rate
 from cartpend_dae.discover.revise import each_matters, plain, prune, settled, swap
 from cartpend_dae.discover.screen import candidates, is_other_law, screen
-from cartpend_dae.discover.state import Base, Rules
+from cartpend_dae.discover.state import Base, Rules, push_left
 from cartpend_dae.discover.trial import (
     MOST,
     best_rival,
@@ -80,7 +81,11 @@ def search(
     library = (cards, places)
     try:
         if regime not in MOVED:
-            base = _grow(bench, start, rules, library, max_steps, log)
+            try:
+                base = _grow(bench, start, rules, library, max_steps, log)
+            except RattlingError as rattling:
+                bench = bench.predicting(rattling.least)
+                return search(bench, cards, places, max_steps=max_steps, regime="noise")
         if regime == "disturbances":
             rules, start = _disturbed(bench, noise, start, log, library)
             log.steps, log.base = [], None
@@ -298,7 +303,7 @@ def _grow(
         base = grown
         if rules.regime != "forces" and not residuals(base.fit).is_passed:
             break
-        if _push_left(first, base) < SHAPE:  # what is left may be what the laws found are wrong by
+        if push_left(first, base) < SHAPE:  # what is left may be what the laws found are wrong by
             break
     return base
 
@@ -308,6 +313,8 @@ def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _L
     is_plain = not any(plainer(step, list(log.tried.values())) for step in log.steps)
     if rules.regime == "noise" and is_plain and is_left_to_shape(base.bare, base.fit):
         return None
+    if base.taken and is_all_that_tells(bench, base.bare, base.fit):
+        return None
     options = candidates(*library, base.taken)
     if rules.regime == "noise" and log.steps:
         base = off_edges(bench, base, rules)
@@ -316,6 +323,9 @@ def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _L
             return None
     if rules.regime == "noise":
         stage, ranked = try_in_noise(bench, base, rules, options)
+        least = least_that_tells(bench, base, rules, ranked)
+        if least is not None:
+            raise RattlingError(least)
     else:
         stage, ranked = 0.0, try_all(bench, base, rules, options)
     if rules.regime == "forces":
@@ -377,18 +387,7 @@ def _pushes_remain(before: Base, after: Base) -> bool:
 
     Innovations are white where a random force stands for what is missing; its size tells.
     """
-    return before.weighed is not None and _push_left(before, after) > MUCH
-
-
-def _push_left(before: Base, after: Base) -> float:
-    """Return the random forces found over those without any additions, at low frequency; infinite if unknown."""
-    if before.weighed is None or after.weighed is None:
-        return np.inf
-    old, new = (
-        dict(zip(one.forces.names, one.forces.sizes * np.sqrt(one.forces.times), strict=True))
-        for one in (before.weighed, after.weighed)
-    )
-    return max((size / old[name] for name, size in new.items() if size and old.get(name)), default=0.0)
+    return before.weighed is not None and push_left(before, after) > MUCH
 
 
 def _verdict(has_steps: bool, is_left: bool) -> Verdict:

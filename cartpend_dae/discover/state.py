@@ -49,3 +49,14 @@ class Rules:
     def descent(self) -> tuple[float, ...]:
         """The stages from that of screening on: from far off a fit gets to the last one along these."""
         return tuple(w for w in self.stages if w <= self.screening)
+
+
+def push_left(before: Base, after: Base) -> float:
+    """Return the random forces found over those without any additions, at low frequency; infinite if unknown."""
+    if before.weighed is None or after.weighed is None:
+        return np.inf
+    old, new = (
+        dict(zip(one.forces.names, one.forces.sizes * np.sqrt(one.forces.times), strict=True))
+        for one in (before.weighed, after.weighed)
+    )
+    return max((size / old[name] for name, size in new.items() if size and old.get(name)), default=0.0)

@@ -52,7 +52,8 @@ class Workbench:
     `problems` are those made so far, by the effects in them, and `sizes` what parameters of effects were predicted to
     be when they were first tried, by which they are scaled; `scales` are those of each problem. Candidates are fitted
     in `jobs` processes, or by that executor. Finished stages are kept in a `store`. What is weighed against random
-    forces is fitted and weighed on steps as `weighing` says: models can be compared that stand on the same ones.
+    forces is fitted and weighed on steps as `weighing` says: models can be compared that stand on the same ones. They
+    are compared with at `least` so much injection [rad/s].
     """
 
     setup: Setup
@@ -63,6 +64,7 @@ class Workbench:
     store: Store = field(default_factory=Store)
     scales: dict[tuple[Stride, tuple[str, ...]], dict[str, float]] = field(default_factory=dict)
     weighing: Stride = None
+    least: float = 0.0
 
     def quiet(self) -> "Workbench":
         """Return the same workbench without reports, as for another process."""
@@ -72,9 +74,16 @@ class Workbench:
         """Return the same workbench with other steps for what is weighed against random forces."""
         return replace(self, weighing=weighing)
 
+    def predicting(self, least: float) -> "Workbench":
+        """Return the same workbench for models that are compared by predictions, with at least so much injection.
+
+        What was judged by free simulations is kept apart.
+        """
+        return replace(self, least=least, store=replace(self.store, study=f"{self.store.study} from {least!r} rad/s"))
+
     def __reduce__(self) -> tuple[type["Workbench"], tuple[Any, ...]]:
         """Leave reports, problems, executor and store here: elsewhere problems are made anew, on the same scales."""
-        return Workbench, (self.setup, _silent, {}, self.sizes, 1, Store(), self.scales, self.weighing)
+        return Workbench, (self.setup, _silent, {}, self.sizes, 1, Store(), self.scales, self.weighing, self.least)
 
     def begin(self, stage: str, number: int) -> None:
         """Say that so many candidates follow in a stage, to a `report` that has a method `begin`."""
@@ -270,7 +279,7 @@ class Workbench:
     @property
     def last(self) -> float:
         """Bandwidth at which models are compared where noise is all that is left: 0 is the free simulation [rad/s]."""
-        return last_bandwidth(self.setup.train)
+        return max(self.least, last_bandwidth(self.setup.train))
 
     @property
     def frequency(self) -> float:

@@ -1,0 +1,96 @@
+"""Gaps that rattle: predictions decide where no free simulation tells, and only there."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_discover_pendulum import COULOMB, clean_run, noisy_setup
+
+from cartpend_dae.discover import Workbench, refit
+from cartpend_dae.discover.bases import fit_base, noise_rules
+from cartpend_dae.discover.rattle import RattlingError, is_all_that_tells, least_that_tells
+from cartpend_dae.discover.records import Candidate
+from cartpend_dae.effects import insertion_at
+from models.rota_damp import RotaDamp
+
+pytestmark = pytest.mark.xdist_group("rattle")
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return Workbench(noisy_setup(clean_run(COULOMB), 2))
+
+
+@pytest.fixture(scope="module")
+def rules(bench):
+    return noise_rules(bench, (), 0.0)
+
+
+@pytest.fixture(scope="module")
+def base(bench, rules):
+    return fit_base(bench, (), {}, rules)
+
+
+@pytest.fixture(scope="module")
+def friction(bench):
+    found = refit(bench, (insertion_at(RotaDamp(), "coulomb_friction", "bearing"),)).steps[0].candidate
+    return replace(found, early=found.fit.chi2, begun=found.fit.point)
+
+
+def unpredictable(bench, monkeypatch, apart):
+    """Let free simulations lie `apart` by so many times the noise, and explain nothing."""
+    plain = Workbench.fit
+
+    def fit(self, insertions, guess, bandwidths, sd, **options):
+        found = plain(self, insertions, guess, bandwidths, sd, **options)
+        if bandwidths[-1] or not insertions:
+            return found
+        shift = apart * sd * np.sign(guess["bearing.coulomb_friction.tau_c"] - COULOMB_FOUND[0])
+        runs = tuple(replace(run, residual=run.residual + shift / 2) for run in found.runs)
+        return replace(found, runs=runs, chi2=1e3 * found.n_residuals)
+
+    monkeypatch.setattr(Workbench, "fit", fit)
+
+
+COULOMB_FOUND = [0.0]
+
+
+def lost(candidate: Candidate) -> Candidate:
+    """Return the candidate as if its free simulation explained nothing."""
+    return replace(candidate, fit=replace(candidate.fit, chi2=1e3 * candidate.fit.n_residuals))
+
+
+def test_a_free_simulation_that_explains_the_runs_decides(bench, base, rules, friction):
+    assert least_that_tells(bench, base, rules, [friction]) is None
+
+
+def test_where_regular_motion_is_not_explained_something_else_is_missing(bench, base, rules, friction):
+    """The friction moved by a tenth of its standard deviation changes next to nothing: no gap rattles."""
+    assert least_that_tells(bench, base, rules, [lost(friction)]) is None
+
+
+def test_where_free_simulations_lie_apart_the_least_injection_tells(bench, base, rules, friction, monkeypatch):
+    least = min(w for w in base.fits if w > 0)
+    fit = bench.fit((friction.insertion,), friction.begun, (rules.screening, least), rules.sd, patient=False)
+    COULOMB_FOUND[0] = fit.values["bearing.coulomb_friction.tau_c"]
+    unpredictable(bench, monkeypatch, apart=10.0)
+    assert least_that_tells(bench, base, rules, [lost(friction)]) == least
+    # with an effect in the model already, or where predictions decide anyway, the question does not arise
+    assert least_that_tells(bench.predicting(least), base, rules, [lost(friction)]) is None
+    taken = replace(base, taken=(friction.insertion,))
+    assert least_that_tells(bench, taken, rules, [lost(friction)]) is None
+
+
+def test_models_are_compared_with_the_injection_that_tells(bench):
+    at = bench.predicting(3.0)
+    assert (bench.last, at.last) == (0.0, 3.0)
+    assert at.store.study != bench.store.study
+    assert "3 rad/s" in str(RattlingError(3.0))
+
+
+def test_what_a_law_may_be_wrong_by_ends_a_search_by_predictions(bench, friction):
+    fit = replace(friction.fit, chi2=1.5 * friction.fit.n_residuals)
+    bare = 100.0 * fit.n_residuals
+    assert is_all_that_tells(bench.predicting(3.0), bare, fit)
+    assert not is_all_that_tells(bench, bare, fit)
+    assert not is_all_that_tells(bench.predicting(3.0), 3.0 * fit.n_residuals, fit)
