@@ -6,7 +6,8 @@ parameters.
 
 References
 ----------
-F. C. Moon, "Chaotic Vibrations" (1987), chapter 5: impact oscillators are chaotic.
+S. W. Shaw, P. J. Holmes, "A periodically forced piecewise linear oscillator", J. Sound Vib. 90 (1983), 129-155,
+doi:10.1016/0022-460X(83)90407-8: oscillators with stops are chaotic.
 """
 
 import numpy as np
