@@ -135,7 +135,10 @@ def _not_behind(
         return couples
     stage, iterations, times = at
     taken, guess = (*base.taken, alone.insertion), base.fits.get(stage, base.fit).point | alone.parameters
-    fit = bench.fit(taken, guess, (stage,), rules.sd, patient=False, iterations=iterations, stride=ROUGH)
+    try:
+        fit = bench.fit(taken, guess, (stage,), rules.sd, patient=False, iterations=iterations, stride=ROUGH)
+    except SolverError:  # on such steps it diverges, and nothing can be compared with it
+        return couples
     return [c for c in couples if c.fit is not None and c.fit.chi2 < times * fit.chi2]
 
 
