@@ -37,22 +37,19 @@ def friction(bench):
     return replace(found, early=found.fit.chi2, begun=found.fit.point)
 
 
-def unpredictable(bench, monkeypatch, apart):
-    """Let free simulations lie `apart` by so many times the noise, and explain nothing."""
+def unpredictable(monkeypatch, level, apart):
+    """Let free simulations lie `apart` by so many times the noise on either side of a level of friction."""
     plain = Workbench.fit
 
     def fit(self, insertions, guess, bandwidths, sd, **options):
         found = plain(self, insertions, guess, bandwidths, sd, **options)
         if bandwidths[-1] or not insertions:
             return found
-        shift = apart * sd * np.sign(guess["bearing.coulomb_friction.tau_c"] - COULOMB_FOUND[0])
+        shift = apart * sd * np.sign(guess["bearing.coulomb_friction.tau_c"] - level)
         runs = tuple(replace(run, residual=run.residual + shift / 2) for run in found.runs)
         return replace(found, runs=runs, chi2=1e3 * found.n_residuals)
 
     monkeypatch.setattr(Workbench, "fit", fit)
-
-
-COULOMB_FOUND = [0.0]
 
 
 def lost(candidate: Candidate) -> Candidate:
@@ -72,8 +69,7 @@ def test_where_regular_motion_is_not_explained_something_else_is_missing(bench, 
 def test_where_free_simulations_lie_apart_the_least_injection_tells(bench, base, rules, friction, monkeypatch):
     least = min(w for w in base.fits if w > 0)
     fit = bench.fit((friction.insertion,), friction.begun, (rules.screening, least), rules.sd, patient=False)
-    COULOMB_FOUND[0] = fit.values["bearing.coulomb_friction.tau_c"]
-    unpredictable(bench, monkeypatch, apart=10.0)
+    unpredictable(monkeypatch, fit.values["bearing.coulomb_friction.tau_c"], apart=10.0)
     assert least_that_tells(bench, base, rules, [lost(friction)]) == least
     # with an effect in the model already, or where predictions decide anyway, the question does not arise
     assert least_that_tells(bench.predicting(least), base, rules, [lost(friction)]) is None
