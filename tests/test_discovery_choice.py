@@ -107,6 +107,16 @@ def test_a_law_whose_fit_is_not_what_it_is_called_starts_from_the_richer_one_tha
     assert not simplified([peaked, rich], lambda c: c.fit.chi2)
 
 
+def test_a_plain_law_starts_from_the_richer_one_with_each_of_its_choices(fitted):
+    """Dahl friction on a rail was called LuGre friction: its other exponent had ended nearer on rough steps."""
+    rich = fitted("lugre_friction", 0.0, 100.0, tau_c=0.4, r_s=1.0, w_s=0.1, phi_s=1e-3, d_1=0.0, d=0.0)
+    steep = fitted("dahl_friction", 0.0, 900.0, tau_c=0.7, phi_s=2e-3)
+    other = replace(steep, fit=None, insertion=replace(steep.insertion, values={"bearing.dahl_friction.n": 1.0}))
+    again = simplified([replace(steep, others=(other,)), rich], lambda c: c.fit.chi2 if c.fit else np.inf)
+    assert [c.insertion for c in again] == [steep.insertion, other.insertion]
+    assert {tuple(own(c).parameters.values()) for c in again} == {(0.4, 1e-3)}
+
+
 @pytest.fixture
 def noise(plain_fit):
     """A fit that leaves noise alone."""

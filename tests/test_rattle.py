@@ -1,15 +1,17 @@
 """Gaps that rattle: predictions decide where no free simulation tells, and only there."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from test_discover_pendulum import COULOMB, clean_run, noisy_setup
 
-from cartpend_dae.discover import Workbench, refit
+from cartpend_dae.discover import Workbench, prove, refit
 from cartpend_dae.discover.bases import fit_base, noise_rules
 from cartpend_dae.discover.rattle import RattlingError, is_all_that_tells, least_that_tells
 from cartpend_dae.discover.records import Candidate
+from cartpend_dae.discover.workbench import fine_step
 from cartpend_dae.effects import insertion_at
 from models.rota_damp import RotaDamp
 
@@ -90,3 +92,11 @@ def test_what_a_law_may_be_wrong_by_ends_a_search_by_predictions(bench, friction
     assert is_all_that_tells(bench.predicting(3.0), bare, fit)
     assert not is_all_that_tells(bench, bare, fit)
     assert not is_all_that_tells(bench.predicting(3.0), 3.0 * fit.n_residuals, fit)
+
+
+def test_errors_of_what_predictions_decided_are_simulated_on_fine_steps_too(bench, friction, monkeypatch):
+    steps = []
+    monkeypatch.setattr(sys.modules[prove.__module__], "assess", lambda *_, step, **__: steps.append(step))
+    prove(bench.setup, replace(refit(bench, (friction.insertion,)), bandwidth=10.0))
+    assert steps == [bench.setup.step, fine_step(bench.setup)]
+    assert bench.setup.step is None

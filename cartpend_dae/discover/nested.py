@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from cartpend_dae.discover.records import Candidate
+from cartpend_dae.discover.shortlist import with_others
 from cartpend_dae.effects import Insertion
 
 # a peak at rest begins so many times as high as what it peaks above: at its height no start from rest tells it
@@ -49,7 +50,7 @@ def restarted(fitted: list[Candidate], worth: Callable[[Candidate], float]) -> l
 
 
 def simplified(fitted: list[Candidate], left: Callable[[Candidate], float]) -> list[Candidate]:
-    """Return the plainer ones of some candidates from the best richer one, with its whole fit.
+    """Return the plainer ones of some candidates from the best richer one: its whole fit, and each choice.
 
     Those that leave much more than it does, and those whose fit is not what they are called.
 
@@ -72,7 +73,10 @@ def simplified(fitted: list[Candidate], left: Callable[[Candidate], float]) -> l
             continue
         values = shared(plain.insertion, rich)
         if values:
-            found.append(replace(plain, parameters={**rich.fit.point, **plain.parameters, **values}, fit=None))
+            point = rich.fit.point
+            found += [
+                replace(c, parameters={**point, **c.parameters, **values}, fit=None) for c in with_others([plain])
+            ]
     return found
 
 

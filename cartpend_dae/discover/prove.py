@@ -175,24 +175,26 @@ def prove(setup: Setup, outcome: Search, beyond: Beyond | None = None) -> Discov
         What else was found out; a closure in it is assessed as well.
     """
     insertions = tuple(step.candidate.insertion for step in outcome.steps)
-    before = _assess(setup, (), outcome.baseline, outcome.bandwidth)
-    after = _assess(setup, insertions, outcome.final, outcome.bandwidth) if insertions else before
+    before = _assess(setup, (), outcome.baseline, outcome)
+    after = _assess(setup, insertions, outcome.final, outcome) if insertions else before
     model_plus = insert_all(setup.model, insertions)  # a copy, also without any
     set_values(model_plus, outcome.final.values_in())
     beyond = beyond or Beyond(None, (), ())
     if beyond.open_set is not None and beyond.open_set.closures:
         best = beyond.open_set.closures[0]
-        errors = _assess(setup, (*insertions, best.insertion), best.fit, outcome.bandwidth)
+        errors = _assess(setup, (*insertions, best.insertion), best.fit, outcome)
         beyond = replace(beyond, open_set=replace(beyond.open_set, errors=errors))
     return Discovery(setup, outcome, before, after, model_plus, beyond)
 
 
-def _assess(setup: Setup, insertions: tuple[Insertion, ...], fit: Fit, bandwidth: float) -> Assessment:
+def _assess(setup: Setup, insertions: tuple[Insertion, ...], fit: Fit, outcome: Search) -> Assessment:
     every = (*setup.train, *setup.select, *setup.test)
     system, runs = assembled(setup.model, insertions, every), renamed(every, insertions)
     measured: dict[str, str] = {}
     for insertion in insertions:
         measured |= {new: old for old, new in (insertion.measured | insertion.driven).items()}
     is_rough = bool(system.frictions.places or shortest_times(system))
-    step = fine_step(setup) if is_rough and bandwidth == last_bandwidth(setup.train) else setup.step
-    return assess(system, fit, runs, setup.scores, bandwidth=bandwidth, step=step, measured=measured)
+    # what decided was fitted on fine steps: in noise alone always, be it by predictions where a gap rattles
+    is_last = outcome.regime == "noise" or outcome.bandwidth == last_bandwidth(setup.train)
+    step = fine_step(setup) if is_rough and is_last else setup.step
+    return assess(system, fit, runs, setup.scores, bandwidth=outcome.bandwidth, step=step, measured=measured)
