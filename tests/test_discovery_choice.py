@@ -10,15 +10,13 @@ from cartpend_dae.discover import bases, revise
 from cartpend_dae.discover import trial as trials
 from cartpend_dae.discover.choice import SHAPELESS, TOUCH, beyond_shape, contains, ordered_by_bic, step_of
 from cartpend_dae.discover.couple import chosen_anew, couple, next_richer, richer
-from cartpend_dae.discover.disturbed import ordered
+from cartpend_dae.discover.disturbed import margin_of, ordered
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.nested import PEAK, own, restarted, shared, simplified
 from cartpend_dae.discover.promising import Couple, promising
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.screen import candidates, is_other_law
-from cartpend_dae.discover.shortlist import best_of_each
-from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import (
+from cartpend_dae.discover.shape import (
     FAR,
     MOST,
     best_rival,
@@ -27,6 +25,9 @@ from cartpend_dae.discover.trial import (
     is_most,
     is_shape_error,
 )
+from cartpend_dae.discover.shortlist import best_of_each
+from cartpend_dae.discover.state import Base, Rules
+from cartpend_dae.discover.trial import LAW, lead_needed, left_by
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import catalogue, insertion_at, places
 from cartpend_dae.errors import SolverError
@@ -108,13 +109,41 @@ def test_a_law_whose_fit_is_not_what_it_is_called_starts_from_the_richer_one_tha
 
 
 def test_a_plain_law_starts_from_the_richer_one_with_each_of_its_choices(fitted):
-    """Dahl friction on a rail was called LuGre friction: its other exponent had ended nearer on rough steps."""
+    """Dahl friction was called LuGre friction or hysteresis: starts of its other exponent had promised less."""
     rich = fitted("lugre_friction", 0.0, 100.0, tau_c=0.4, r_s=1.0, w_s=0.1, phi_s=1e-3, d_1=0.0, d=0.0)
     steep = fitted("dahl_friction", 0.0, 900.0, tau_c=0.7, phi_s=2e-3)
-    other = replace(steep, fit=None, insertion=replace(steep.insertion, values={"bearing.dahl_friction.n": 1.0}))
-    again = simplified([replace(steep, others=(other,)), rich], lambda c: c.fit.chi2 if c.fit else np.inf)
-    assert [c.insertion for c in again] == [steep.insertion, other.insertion]
-    assert {tuple(own(c).parameters.values()) for c in again} == {(0.4, 1e-3)}
+    for exponent in (1.0, 2.0):
+        begun = replace(steep, insertion=replace(steep.insertion, values={"a": exponent, "phi_s": 0.05}))
+        again = simplified([begun, rich], lambda c: c.fit.chi2 if c.fit else np.inf)
+        assert [c.insertion.values["a"] for c in again] == [exponent, 3.0 - exponent]
+        assert {tuple(own(c).parameters.values()) for c in again} == {(0.4, 1e-3)}
+
+
+def test_a_plain_law_starts_again_only_where_the_richer_one_ended_elsewhere(fitted):
+    """Coulomb friction on a rail that sticks for good stayed so: a Stribeck curve was found after it was asked."""
+    stuck = fitted("coulomb_friction", 0.0, 900.0, tau_c=0.3)
+    rich = fitted("stribeck_friction", 0.0, 100.0, tau_c=0.45, tau_s=0.46, w_s=0.1, d=0.0)
+    assert names(simplified([stuck, rich], left_by, new=frozenset({rich.insertion.prefix}))) == ["coulomb_friction"]
+    assert not simplified([stuck, rich], left_by, new=frozenset({"bearing.lugre_friction"}))
+
+
+def test_a_plain_law_starts_from_the_richer_one_that_is_further_than_alike_against_forces(fitted):
+    rich = fitted("lugre_friction", 1000.0, 1.0, tau_c=0.4, r_s=1.0, w_s=0.1, phi_s=1e-3, d_1=0.0, d=0.0)
+    for gain, again in ((960.0, True), (980.0, False)):
+        plain = fitted("dahl_friction", gain, 1.0, tau_c=0.7, phi_s=2e-3)
+        is_behind = lambda plain, rich: plain - rich > margin_of(-rich)  # noqa: E731
+        assert bool(simplified([plain, rich], lambda c: -c.gain, is_behind)) is again
+
+
+def test_a_law_that_explained_more_in_noise_too_needs_no_clear_lead_against_forces(fitted):
+    """A Stribeck curve was called Coulomb friction, which noise had taken as the plainer one alone."""
+    told = fitted("coulomb_friction", 20_965.0, 1.0, tau_c=0.09)
+    best = fitted("stribeck_friction", 2072.0, 1.0, tau_c=0.08, tau_s=0.14, w_s=0.1, d=0.0)
+    assert lead_needed(best, told, replace(best, gain=24_391.0)) == margin_of(2072.0)
+    assert lead_needed(best, told, replace(best, gain=20_000.0)) == LAW * 2072.0
+    assert lead_needed(best, told, None) == LAW * 2072.0
+    elsewhere = fitted("constant_load", 2072.0, 1.0, tau_0=1.0)
+    assert lead_needed(elsewhere, told, None) == margin_of(2072.0)
 
 
 @pytest.fixture

@@ -19,15 +19,10 @@ from cartpend_dae.discover.promising import EARLY, Couple, beside, promising
 from cartpend_dae.discover.rattle import is_all_that_tells
 from cartpend_dae.discover.records import Candidate, Step
 from cartpend_dae.discover.screen import is_other_law
+from cartpend_dae.discover.shape import is_far_from_noise, is_left_to_shape, is_shape_error
 from cartpend_dae.discover.shortlist import chosen
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import (
-    MIN_BIC_GAIN,
-    is_far_from_noise,
-    is_left_to_shape,
-    is_shape_error,
-    left_early,
-)
+from cartpend_dae.discover.trial import MIN_BIC_GAIN, left_early
 from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import ModelError, SolverError

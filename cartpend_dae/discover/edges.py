@@ -7,8 +7,8 @@ what is left. A little off the edge the data no longer see the parameter, and th
 
 from dataclasses import replace
 
+from cartpend_dae.discover.shape import FAR
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import FAR
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.errors import SolverError
 from cartpend_dae.identify import Fit

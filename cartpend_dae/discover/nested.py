@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from cartpend_dae.discover.records import Candidate
-from cartpend_dae.discover.shortlist import with_others
+from cartpend_dae.discover.shortlist import each_choice
 from cartpend_dae.effects import Insertion
 
 # a peak at rest begins so many times as high as what it peaks above: at its height no start from rest tells it
@@ -49,7 +49,12 @@ def restarted(fitted: list[Candidate], worth: Callable[[Candidate], float]) -> l
     return found
 
 
-def simplified(fitted: list[Candidate], left: Callable[[Candidate], float]) -> list[Candidate]:
+def simplified(
+    fitted: list[Candidate],
+    left: Callable[[Candidate], float],
+    is_behind: Callable[[float, float], bool] = lambda plain, rich: plain >= MUCH * rich,
+    new: frozenset[str] | None = None,
+) -> list[Candidate]:
     """Return the plainer ones of some candidates from the best richer one: its whole fit, and each choice.
 
     Those that leave much more than it does, and those whose fit is not what they are called.
@@ -60,6 +65,10 @@ def simplified(fitted: list[Candidate], left: Callable[[Candidate], float]) -> l
         Candidates that were fitted, or failed.
     left
         What a candidate leaves; infinite without a fit.
+    is_behind
+        Whether a plainer law that leaves the first leaves much more than a richer one that leaves the second.
+    new
+        Prefixes of richer laws that ended elsewhere since this was asked last; None for all.
 
     Returns
     -------
@@ -69,14 +78,12 @@ def simplified(fitted: list[Candidate], left: Callable[[Candidate], float]) -> l
     found: list[Candidate] = []
     for plain in fitted:
         rich = min((c for c in fitted if c.fit is not None and holds(c, plain)), key=left, default=None)
-        if rich is None or rich.fit is None or (left(plain) < MUCH * left(rich) and not contradicts(plain)):
+        if rich is None or rich.fit is None or (new is not None and rich.insertion.prefix not in new):
             continue
         values = shared(plain.insertion, rich)
-        if values:
+        if values and (is_behind(left(plain), left(rich)) or contradicts(plain)):
             point = rich.fit.point
-            found += [
-                replace(c, parameters={**point, **c.parameters, **values}, fit=None) for c in with_others([plain])
-            ]
+            found += [replace(c, parameters={**point, **c.parameters, **values}, fit=None) for c in each_choice(plain)]
     return found
 
 

@@ -14,8 +14,9 @@ from cartpend_dae.discover.nested import shared
 from cartpend_dae.discover.predicted import MIN_SHARE, explained
 from cartpend_dae.discover.records import Candidate, Step
 from cartpend_dae.discover.screen import candidates
+from cartpend_dae.discover.shape import LAWS
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import LAWS, MIN_BIC_GAIN, try_all
+from cartpend_dae.discover.trial import MIN_BIC_GAIN, try_all
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError

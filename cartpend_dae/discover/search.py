@@ -8,7 +8,7 @@ import numpy as np
 from cartpend_dae.discover.bases import Library, base_of, fit_base, noise_rules, place_with_a_future
 from cartpend_dae.discover.choice import SHAPE, are_parallel, beyond_shape, step_of
 from cartpend_dae.discover.couple import couple, plainer, simpler
-from cartpend_dae.discover.disturbed import fitted, margin_of, penalty
+from cartpend_dae.discover.disturbed import fitted, penalty
 from cartpend_dae.discover.edges import off_edges
 from cartpend_dae.discover.evidence import determined, lead, with_robust_sd
 from cartpend_dae.discover.gate import residuals
@@ -18,17 +18,9 @@ from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdi
 from cartpend_dae.discover.regime import best_bandwidth, sampling_rate
 from cartpend_dae.discover.revise import each_matters, plain, prune, settled, swap
 from cartpend_dae.discover.screen import candidates, is_other_law, screen
+from cartpend_dae.discover.shape import MOST, best_rival, is_left_to_shape, is_most, is_nearly_all
 from cartpend_dae.discover.state import Base, Rules, push_left
-from cartpend_dae.discover.trial import (
-    MOST,
-    best_rival,
-    is_left_to_shape,
-    is_most,
-    is_nearly_all,
-    try_all,
-    try_in_noise,
-    weighed_trials,
-)
+from cartpend_dae.discover.trial import lead_needed, try_all, try_in_noise, weighed_trials
 from cartpend_dae.discover.weigh import weigh
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place
@@ -41,8 +33,6 @@ MOVED = ("disturbances", "forces")
 RICH = 4
 # standard deviations, from block to block, by which one model must explain the runs better to stand against another
 CLEARLY = 3.0
-# share of what a law of dry friction explains against random forces by which another of its contact is clearly better
-LAW = 0.1
 # share of the random forces of the model before that is not small
 MUCH = 0.5
 
@@ -145,7 +135,7 @@ def _against_forces(
         rules, start = _forced(bench, noise, without[0])
         # above the sampling rate each sample is corrected by all of its error, and forces explain everything
         is_blind = bool(start.fit.bandwidth[0] > sampling_rate(bench))
-        if found and is_nearly_all(without[1]) and (is_blind or _is_confirmed(bench, found[0], start, rules, library)):
+        if found and is_nearly_all(without[1]) and (is_blind or _is_confirmed(bench, log, start, rules, library)):
             return old
         seen = None
         if is_blind:
@@ -238,20 +228,21 @@ def _forced(bench: Workbench, noise: Rules, base: Base) -> tuple[Rules, Base]:
     return rules, Base((), {bandwidth: fit}, base.bare, weighed)
 
 
-def _is_confirmed(bench: Workbench, step: Step, start: Base, rules: Rules, library: Library) -> bool:
-    """Return whether an effect explains as much against random forces as the one that would be taken there.
+def _is_confirmed(bench: Workbench, log: _Log, start: Base, rules: Rules, library: Library) -> bool:
+    """Return whether the first effect explains as much against random forces as the one that would be taken there.
 
     One with fewer parameters that explains as much speaks against it. Which law a contact has is told by noise, unless
-    forces say so clearly.
+    forces say so clearly, or noise said the same and took the plainer one.
     """
-    ranked = weighed_trials(bench, start, rules, candidates(*library, ()), (step.candidate.insertion.prefix,))
-    own = next((c for c in ranked if c.insertion.prefix == step.candidate.insertion.prefix), None)
+    told = log.steps[0].candidate
+    ranked = weighed_trials(bench, start, rules, candidates(*library, ()), (told.insertion.prefix,))
+    own = next((c for c in ranked if c.insertion.prefix == told.insertion.prefix), None)
     if own is None or not own.gain > 0:
         return False
     best = ranked[0]
     if best is own or best.why_not:
         return True
-    margin = LAW * best.gain if is_other_law(best, own) else margin_of(best.gain)
+    margin = lead_needed(best, told, log.tried.get(best.insertion.prefix))
     return determined(best.fit) >= determined(own.fit) and best.gain - own.gain < margin
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 
 from cartpend_dae.discover.choice import SAME, are_parallel
 from cartpend_dae.discover.disturbed import is_composite
@@ -78,6 +79,24 @@ def best_of_each(judged: list[Candidate], criterion: Callable[[Candidate], float
         others = [c for c in (*these, *best.others) if chosen(c) != chosen(best)]
         found.append(replace(best, others=tuple(replace(c, others=()) for c in others)))
     return found
+
+
+def each_choice(candidate: Candidate) -> list[Candidate]:
+    """Return a candidate with each of its choices, its own first."""
+    insertion = candidate.insertion
+    kind = insertion.place.kind
+    items = [item for item in insertion.card.parameters if item.role == "choice"]
+    names = [item.names[kind] for item in items]
+    starts = [item.starts_at(kind) for item in items]
+    own = tuple(insertion.values.get(name, first) for name, (first, *_) in zip(names, starts, strict=True))
+    others = [dict(zip(names, values, strict=True)) for values in product(*starts) if values != own]
+    return [
+        candidate,
+        *(
+            replace(candidate, insertion=replace(insertion, values={**insertion.values, **v}), others=())
+            for v in others
+        ),
+    ]
 
 
 def chosen(candidate: Candidate) -> dict[str, float]:

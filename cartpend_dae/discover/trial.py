@@ -5,15 +5,16 @@ from dataclasses import replace
 import numpy as np
 
 from cartpend_dae.discover.attempts import each
-from cartpend_dae.discover.choice import SHAPE, SHAPELESS, TOUCH, ordered_by_bic, rounded_first, second
-from cartpend_dae.discover.disturbed import is_composite, judge, ordered, penalty
+from cartpend_dae.discover.choice import SHAPELESS, ordered_by_bic, rounded_first, second
+from cartpend_dae.discover.disturbed import is_composite, judge, margin_of, ordered, penalty
 from cartpend_dae.discover.evidence import bic, coloured_bic
-from cartpend_dae.discover.gate import NOISE_ALONE, is_clean, is_noise_alone, residuals
+from cartpend_dae.discover.gate import is_clean, is_noise_alone
 from cartpend_dae.discover.nested import holds, own, restarted, simplified
 from cartpend_dae.discover.predicted import trials
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.rescan import rescanned
 from cartpend_dae.discover.screen import is_other_law, promise, screen
+from cartpend_dae.discover.shape import MOST, is_shape_error
 from cartpend_dae.discover.shortlist import as_well, at_few_places, best_of_each, is_simple, unlike, with_others
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.workbench import ROUGH, Workbench
@@ -25,10 +26,14 @@ from cartpend_dae.uncertainty import Estimate
 # so many of the best predictions are fitted at the first stage, in so many steps; the best of them with less injection,
 # in so many steps; and the best of these to the end
 WIDE, MIDDLE, NARROW, EARLY, LATER = 10, 8, 4, 6, 10
+# plainer laws start again from richer ones so often, as one that was reached so may lead to a plainer one still
+DOWN = 2
 # against random forces: so many are fitted, of those that promise this share of what they must gain
 FEW, HALF = 5, 0.5
 # so many where one is only to be confirmed
 RIVALS = 3
+# share of what a law of dry friction explains against random forces by which another of its contact is clearly better
+LAW = 0.1
 # where no effect explains this share of chi2, the injection hides what is missing
 HIDDEN = 0.1
 # predictions below this share of the best one are not fitted
@@ -38,16 +43,6 @@ FAINT = 0.03
 BEHIND, LITTLE = 10.0, 0.1
 # noise alone: drop of BIC (largest on 90 data sets with nothing missing: 8.6)
 MIN_BIC_GAIN = 20.0
-# a law's shape leaves less than the share TOUCH of what it explains, unless so many times noise were left before: where
-# another shape was mended, 1.5 to 2.5 times were (tuning seeds of the blind bed); of two effects the first leaves 100
-# times and more
-FAR = 20.0
-# ... unless it explains so many times as much as the best other law of the contact in the place of the one found, where
-# at least so many were fitted: by that much the shape of a law may matter
-LAWS, OTHERS = 3.0, 2
-# an effect that is really there leaves at most this share of what it explains; where small disturbances alone move a
-# rig, some effect or other leaves 0.17 of it and more (10 runs of the blind bed's rigs)
-MOST = 0.1
 
 
 def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]) -> list[Candidate]:
@@ -184,8 +179,28 @@ def weighed_trials(
     again = restarted(judged, lambda c: c.gain if c.fit else -np.inf)
     judged += map(own, each(bench, again, judged_at, "last fit"))
     judged = best_of_each(judged, lambda c: -c.gain)
+    again = simplified(judged, lambda c: -c.gain, lambda plain, rich: plain - rich > margin_of(-rich))
+    judged += map(own, each(bench, again, judged_at, "last fit"))
+    judged = best_of_each(judged, lambda c: -c.gain)
     found = [c for c in judged if c.fit is not None]
     return rounded_first(ordered(found, second)) + [c for c in judged if c.fit is None] + rest
+
+
+def lead_needed(best: Candidate, told: Candidate, in_noise: Candidate | None) -> float:
+    """Return how much more another effect must explain against random forces than one that noise alone told.
+
+    Parameters
+    ----------
+    best
+        The other effect, fitted against random forces.
+    told
+        The effect as it was taken in noise alone.
+    in_noise
+        The other one as it was judged there, if it was: where it explained more, but not by as much as the shape of a
+        law, noise told nothing of the law.
+    """
+    is_told = in_noise is None or not in_noise.gain > told.gain
+    return LAW * best.gain if is_told and is_other_law(best, told) else margin_of(best.gain)
 
 
 def _first_fits(
@@ -205,16 +220,27 @@ def _first_fits(
             continue
         starts = with_others(these)
         new = each(bench, starts, lambda at, candidate: first_fit(at, base, rules, stage, candidate), "first fit")
-        again = restarted([*found, *new], lambda c: -c.fit.chi2 if c.fit else -np.inf)
+        again = restarted([*found, *new], lambda c: -left_by(c))
         again = [c for c in again if len(c.insertion.parameter_names) == count]
         new += map(own, each(bench, again, lambda at, c: first_fit(at, base, rules, stage, c), "first fit"))
-        new = best_of_each(new, lambda c: c.fit.chi2 if c.fit else np.inf)
+        new = best_of_each(new, left_by)
         found += new
         enough = enough or _enough(bench, base, rules, new)
-    again = simplified(found, lambda c: c.fit.chi2 if c.fit else np.inf)
-    again += rescanned(bench, base, rules, stage, found)
-    new = map(own, each(bench, again, lambda at, c: first_fit(at, base, rules, stage, c), "first fit"))
-    return best_of_each([*found, *new], lambda c: c.fit.chi2 if c.fit else np.inf), enough
+    again, changed = rescanned(bench, base, rules, stage, found), None
+    for _ in range(DOWN):
+        again += simplified(found, left_by, new=changed)
+        if not again:
+            break
+        new = map(own, each(bench, again, lambda at, c: first_fit(at, base, rules, stage, c), "first fit"))
+        before = {c.insertion.prefix: left_by(c) for c in found}
+        found, again = best_of_each([*found, *new], left_by), []
+        changed = frozenset(c.insertion.prefix for c in found if left_by(c) < before[c.insertion.prefix])
+    return found, enough
+
+
+def left_by(candidate: Candidate) -> float:
+    """Return what the fit of a candidate leaves; infinity without one."""
+    return candidate.fit.chi2 if candidate.fit else np.inf
 
 
 def _enough(bench: Workbench, base: Base, rules: Rules, new: list[Candidate]) -> Candidate | None:
@@ -260,7 +286,9 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate]) ->
             found += [replace(c, fit=None, why_not=_far_simpler(enough)) for c in these]
             continue
         found += each(bench, these, lambda at, candidate: _judge(at, base, rules, candidate), "last fit")
-    return found
+    again = simplified(found, left_by)
+    found += map(own, each(bench, again, lambda at, candidate: _judge(at, base, rules, candidate), "last fit"))
+    return best_of_each(found, left_by)
 
 
 def left_early(candidate: Candidate) -> float:
@@ -307,10 +335,10 @@ def too_little(gain: float) -> str:
 
 
 def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> Candidate:
-    """Fit a candidate to the end and say whether it is worth its parameters."""
+    """Fit a candidate to the end, from its fit or a whole point, and say whether it is worth its parameters."""
     together = (*base.taken, candidate.insertion)
-    assert candidate.fit is not None
-    fit = bench.fit(together, candidate.fit.point, (bench.last,), rules.sd, patient=False)
+    begin = candidate.fit.point if candidate.fit else candidate.parameters
+    fit = bench.fit(together, begin, (bench.last,), rules.sd, patient=False)
     parameters = {name: fit.values[name] for name in candidate.insertion.parameter_names}
     gain, t = bic(base.fit) - bic(fit), _white_t(fit, candidate.insertion)
     coloured = coloured_bic(base.fit) - coloured_bic(fit)
@@ -337,46 +365,6 @@ def _is_absent(fit: Fit, insertion: Insertion) -> bool:
         return e.status == "at-bound" and not is_full
 
     return bool(sizes) and all(map(is_absent, sizes))
-
-
-def is_shape_error(base: Base, fit: Fit) -> bool:
-    """Return whether an addition could be what the laws before it are wrong by."""
-    share = (base.fit.chi2 - fit.chi2) / max(base.bare - base.fit.chi2, 1e-300)
-    if not base.taken or share > SHAPE or is_far_from_noise(base.fit, fit):
-        return False
-    shapes = np.inf if base.rival is None else max(base.fit.chi2 - base.rival, 0.0)
-    if share > TOUCH and base.fit.chi2 - fit.chi2 > LAWS * shapes:
-        return False
-    return share < TOUCH or residuals(fit).is_passed or fit.chi2 > NOISE_ALONE * fit.n_residuals
-
-
-def best_rival(winner: Candidate, ranked: list[Candidate]) -> float | None:
-    """Return what the best other law of a contact leaves that was fitted to the end, None where few were."""
-    others = [c.fit.chi2 for c in ranked if c.fit is not None and c is not winner and is_other_law(c, winner)]
-    return min(others) if len(others) >= OTHERS else None
-
-
-def is_left_to_shape(bare: float, fit: Fit) -> bool:
-    """Return whether all that a fit leaves is less than its laws may be wrong by: no addition could be told from that.
-
-    `bare` is chi2 of the model without additions.
-    """
-    return fit.chi2 < TOUCH * (bare - fit.chi2) and fit.chi2 < FAR * fit.n_residuals
-
-
-def is_far_from_noise(before: Fit, after: Fit) -> bool:
-    """Return whether much more than noise was left before, and noise alone is after: no error of a law is mended so."""
-    return is_noise_alone(after) and before.chi2 > FAR * before.n_residuals
-
-
-def is_nearly_all(base: Base) -> bool:
-    """Return whether additions leave no more than their laws may be wrong by."""
-    return bool(base.taken) and base.fit.chi2 - base.fit.n_residuals < SHAPE * (base.bare - base.fit.chi2)
-
-
-def is_most(base: Base) -> bool:
-    """Return whether additions leave no more than disturbances alone would, moved to where an effect explains most."""
-    return bool(base.taken) and base.fit.chi2 - base.fit.n_residuals < MOST * (base.bare - base.fit.chi2)
 
 
 def _white_t(fit: Fit, insertion: Insertion) -> float:
