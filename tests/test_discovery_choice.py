@@ -474,6 +474,27 @@ def test_ten_more_are_fitted_where_the_first_ten_explain_little(monkeypatch, ben
     assert tried == [["constant_load"] * trials.WIDE]
 
 
+def test_laws_that_contain_one_that_is_fitted_are_fitted_too(monkeypatch, bench, plain_fit, fitted):
+    """Load-dependent friction promised no more than Coulomb friction, and was one too many for the first ten."""
+    fewest = ["stribeck_friction", "constant_load", "coulomb_friction", "load_dependent_friction", "hysteresis"]
+    screened = [replace(fitted(name, 0.0, 0.0), predicted=9.0 - k, fit=None) for k, name in enumerate(fewest)]
+    tried = []
+
+    def first_fits(bench, base, rules, stage, wide, enough=None):
+        tried.extend(names(wide))
+        return [replace(c, fit=replace(plain_fit, chi2=0.0)) for c in wide], enough
+
+    monkeypatch.setattr(trials, "_screened_where_it_shows", lambda *a: (0.0, screened))
+    monkeypatch.setattr(trials, "_first_fits", first_fits)
+    monkeypatch.setattr(trials, "WIDE", 1)
+    monkeypatch.setattr(trials, "as_well", lambda first, others: [])
+    monkeypatch.setattr(trials, "_judged", lambda bench, base, rules, few: [replace(c, fit=None) for c in few])
+    before = replace(plain_fit, chi2=plain_fit.n_residuals + 20.0)
+    base, rules = Base((), {0.0: before}, before.chi2), Rules("noise", (0.0,), 0.0, np.array([1e-3]))
+    trials.try_in_noise(bench, base, rules, [])
+    assert tried == ["stribeck_friction", "coulomb_friction", "load_dependent_friction"]
+
+
 def test_a_law_contains_another_by_one_in_between_that_was_not_fitted(fitted):
     lugre, coulomb = fitted("lugre_friction", 9.0, 10.0), fitted("coulomb_friction", 5.0, 20.0)
     assert contains(lugre, coulomb, [lugre, coulomb])  # by Stribeck friction

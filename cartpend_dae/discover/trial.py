@@ -64,9 +64,11 @@ def try_in_noise(bench: Workbench, base: Base, rules: Rules, options: list[Inser
     wide = [c for c in possible[:WIDE] if c.predicted > FAINT * possible[0].predicted]
     wide += as_well(wide, possible[WIDE:])
     wide += [c for c in possible if c not in wide and any(holds(other, c) for other in wide)]
+    wide += [c for c in possible if c not in wide and any(holds(c, other) for other in wide)]
     wide, elsewhere = at_few_places(wide)
     early, enough = _first_fits(bench, base, rules, stage, wide)
-    told = {c.insertion.card.id for c in sorted(early, key=left_early)[:NARROW] if is_composite(c.insertion)}
+    best = sorted(early, key=left_early)[:NARROW]
+    told = {c.insertion.card.id for c in best if is_composite(c.insertion)}
     more = [c for c in elsewhere if c.insertion.card.id in told]
     if more:
         new, enough = _first_fits(bench, base, rules, stage, more, enough)
