@@ -482,7 +482,7 @@ def test_laws_that_contain_one_that_is_fitted_are_fitted_too(monkeypatch, bench,
 
     def first_fits(bench, base, rules, stage, wide, enough=None):
         tried.extend(names(wide))
-        return [replace(c, fit=replace(plain_fit, chi2=0.0)) for c in wide], enough
+        return [replace(c, fit=replace(plain_fit, chi2=1.0)) for c in wide], enough
 
     monkeypatch.setattr(trials, "_screened_where_it_shows", lambda *a: (0.0, screened))
     monkeypatch.setattr(trials, "_first_fits", first_fits)
