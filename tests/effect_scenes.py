@@ -30,6 +30,8 @@ def called(card):
 
 
 CARDS = {called(card): card for card in catalogue()}
+# with those that discovery tries in their place
+EVERY = CARDS | {f"{name}-creeping": card.creeping for name, card in CARDS.items() if card.creeping}
 STEP, DURATION = 0.004, 2.0
 TIME = np.arange(0.0, DURATION + STEP / 2, STEP)
 
@@ -163,7 +165,7 @@ class Scene:
 
 
 def scenes():
-    return [(effect, kind) for effect, card in CARDS.items() for kind in card.components]
+    return [(effect, kind) for effect, card in EVERY.items() for kind in card.components]
 
 
 def name_of(effect_and_kind):
@@ -172,7 +174,7 @@ def name_of(effect_and_kind):
 
 
 def scene(effect, kind, at=None, rig=None):
-    card = CARDS[effect]
+    card = EVERY[effect]
     shown_rig, shown_at = ELSEWHERE.get((effect, kind)) or SHOWN[card.insertion, kind]
     rig, at = rig or shown_rig, at or shown_at
     place = place_at(rig.model(), card, at)

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from effect_scenes import CARDS, DRIVEN, PENDULUM, SPRINGS, Scene, columns, name_of, plain, scene, scenes
+from effect_scenes import CARDS, DRIVEN, EVERY, PENDULUM, SPRINGS, Scene, columns, name_of, plain, scene, scenes
 
 from cartpend_dae import assemble
 from cartpend_dae.effects import Insertion, catalogue, insert
@@ -80,14 +80,14 @@ def absorbed(run, prefix, kind):
     return total
 
 
-LOSSY = [(effect, kind) for effect, kind in scenes() if CARDS[effect].dissipative]
+LOSSY = [(effect, kind) for effect, kind in scenes() if EVERY[effect].dissipative]
 
 
 @pytest.mark.parametrize(("effect", "kind"), LOSSY, ids=[name_of(found) for found in LOSSY])
 def test_what_is_called_dissipative_takes_energy(effect, kind):
     found = scene(effect, kind)
     run = found.run(found.felt())
-    if CARDS[effect].insertion == "law":  # the host takes more than it would without the effect
+    if EVERY[effect].insertion == "law":  # the host takes more than it would without the effect
         host = found.insertion.place.at.rpartition(".")[0]
         extra = run[f"{host}.i"] ** 2 * (run[f"{found.insertion.prefix}.y"] - 1)
         assert extra.min() >= 0
@@ -134,7 +134,7 @@ def test_the_augmented_model_as_python_is_the_same_model(effect, kind, tmp_path)
 
 @ALL
 def test_a_card_fits_its_component(effect, kind):
-    card = CARDS[effect]
+    card = EVERY[effect]
     made = card.components[kind](**card.starts(kind)[0])
     declared = parameters_of(type(made))
     for item in card.parameters:
@@ -204,7 +204,7 @@ AT = {
 
 
 def inserted_at(rig, effect, kind):
-    at = AT.get((rig.model, CARDS[effect].insertion))
+    at = AT.get((rig.model, EVERY[effect].insertion))
     return scene(effect, kind, "motor.i" if effect == "current_sensor_error" else at, rig).insertion
 
 

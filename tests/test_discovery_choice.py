@@ -536,3 +536,17 @@ def test_against_forces_what_gains_a_hundredth_of_the_laws_found_is_their_shape(
     assert [c.why_not for c in beyond_shape([little, more], steps)] == ["", SHAPELESS]
     assert names(beyond_shape([little, more], steps)) == ["constant_load", "quadratic_drag"]
     assert not any(c.why_not for c in beyond_shape([little, more], []))
+
+
+def test_coulomb_friction_creeps_where_a_richer_law_is_weaker_at_rest(fitted):
+    """A contact that yields before it slides sticks nowhere; other effects had taken up what rounds its corner."""
+    sharp = fitted("coulomb_friction", 0.0, 900.0, tau_c=0.3)
+    dip = fitted("stribeck_friction", 0.0, 100.0, tau_c=0.45, tau_s=0.01, w_s=0.04, d=0.0)
+    again = simplified([sharp, dip], left_by)
+    assert [own(c).parameters for c in again] == [
+        {"bearing.coulomb_friction.tau_c": 0.45},
+        {"bearing.coulomb_friction.tau_c": 0.45, "bearing.coulomb_friction.w_r": 0.04},
+    ]
+    assert again[1].insertion.card.components != sharp.insertion.card.components
+    peak = fitted("stribeck_friction", 0.0, 100.0, tau_c=0.45, tau_s=0.6, w_s=0.04, d=0.0)
+    assert len(simplified([sharp, peak], left_by)) == 1

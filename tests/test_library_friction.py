@@ -8,9 +8,10 @@ from library_bench import CLOSE, joined, run
 from cartpend_dae.language import Component, Param, der, dry_friction, initial, param, time, var
 from cartpend_dae.library import rotational as r
 from cartpend_dae.library import rotational_friction as f
+from cartpend_dae.library import rotational_losses, signals, translational_losses
 from cartpend_dae.library import rotational_parts as parts
 from cartpend_dae.library import rotational_sources as sources
-from cartpend_dae.library import signals
+from cartpend_dae.library import translational as t
 
 ROWS = ((0.0, 0.4), (1.0, 0.6))
 
@@ -251,3 +252,21 @@ def test_a_brake_whose_pressure_fades_between_two_outputs_becomes_free_once(poin
     since = np.minimum(result.time, 1.25)
     assert result["body.w"] == pytest.approx(4.0 - 0.3 / 0.5 * np.sin(0.4 * np.pi * since) / (0.4 * np.pi), abs=CLOSE)
     assert result.n_events == 1
+
+
+@pytest.mark.parametrize("start", [0.4, -0.4])
+@pytest.mark.parametrize("way", ["turning", "sliding"])
+def test_what_creeps_slows_down_as_the_closed_form_says_and_never_sticks(way, start):
+    if way == "turning":
+        ground, body, film, speed = r.Fixed(), r.Inertia(J=0.02), rotational_losses.CreepingFriction(), "w"
+        film.tau_c, film.w_r = 0.3, 0.05
+    else:
+        ground, body, film, speed = t.Fixed(), t.Mass(m=0.02), translational_losses.CreepingFriction(), "v"
+        film.f_c, film.v_r = 0.3, 0.05
+    ends = [(ground.flange, film.flange_a), (film.flange_b, body.flange_a)]
+    model = joined(*ends, ground=ground, film=film, body=body)
+    result = run(model, 0.05, start={f"body.{'phi' if way == 'turning' else 's'}": 0.0, f"body.{speed}": start})
+    # m v' = -f tanh(v/v_r): sinh(v/v_r) falls as exp(-f t/(m v_r))
+    closed = np.arcsinh(np.sinh(start / 0.05) * np.exp(-0.3 * result.time / (0.02 * 0.05))) * 0.05
+    assert result[f"body.{speed}"] == pytest.approx(closed, abs=CLOSE)
+    assert np.all(result[f"body.{speed}"] * start > 0)

@@ -15,6 +15,8 @@ from cartpend_dae.effects import Insertion
 PEAK = 1.3
 # ... or as many as a law says that has this parameter
 RATIO = "r_s"
+# ends of names of the speed above which a peak at rest has gone
+SPEEDS = (".w_s", ".v_s")
 # a law that leaves so many times more than a richer one starts from that
 MUCH = 2.0
 # ends of names of a parameter each way
@@ -83,8 +85,20 @@ def simplified(
         values = shared(plain.insertion, rich)
         if values and (is_behind(left(plain), left(rich)) or contradicts(plain)):
             point = rich.fit.point
-            found += [replace(c, parameters={**point, **c.parameters, **values}, fit=None) for c in each_choice(plain)]
+            options = each_choice(plain) + (_creeping(plain, rich) if contradicts(rich) else [])
+            found += [replace(c, parameters={**point, **c.parameters, **values}, fit=None) for c in options]
     return found
+
+
+def _creeping(plain: Candidate, rich: Candidate) -> list[Candidate]:
+    """Return a law where it creeps, below the speed at which a richer one that is weaker at rest turns, if it can."""
+    card, place = plain.insertion.card.creeping, plain.insertion.place
+    if card is None or rich.fit is None:
+        return []
+    (start,) = card.starts(place.kind)
+    speeds = [rich.fit.values[name] for name in rich.insertion.parameter_names if name.endswith(SPEEDS)]
+    option = Insertion(card, place, {name: next(iter(speeds), first) for name, first in start.items()})
+    return [replace(plain, insertion=option, parameters=option.starts, others=())]
 
 
 def shared(insertion: Insertion, rich: Candidate) -> dict[str, float]:

@@ -107,6 +107,9 @@ class Card:
         It has a mass of its own that swings, and may do nearly what another thing that swings does.
     knocks
         It has flanks that long steps would soften until it is something else: its first fits are on fine ones.
+    creeping
+        The same effect where it creeps instead of sticking. It is tried where a law that contains this one is weaker at
+        rest than in motion, which no contact is that sticks.
     """
 
     id: str
@@ -132,6 +135,7 @@ class Card:
     peaks: Mapping[str, str] = field(default_factory=dict)
     resonates: bool = False
     knocks: bool = False
+    creeping: "Card | None" = None
 
     def starts(self, kind: Kind) -> tuple[dict[str, float], ...]:
         """Return every combination of values of shapes and choices from which to start, by name of the parameter."""

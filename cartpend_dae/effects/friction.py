@@ -1,5 +1,7 @@
 """Friction that a joint can have."""
 
+from dataclasses import replace
+
 from cartpend_dae.effects.card import Card, R, T, choice, level, shape, size, wave_number
 from cartpend_dae.library import (
     rotational,
@@ -13,6 +15,8 @@ ARMSTRONG = (
     "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994), 1083, 10.1016/0005-1098(94)90209-7"
 )
 WS = shape("w_s", (0.1, 1.0), ("v_s", (0.005, 0.05)))
+# speed below which a contact creeps
+W_R = shape("w_r", (0.05,), ("v_r", (0.005,)))
 # a peak at rest alone: a wide band would be another Stribeck curve
 BAND = choice("w_s", (0.02,), ("v_s", (0.001,)))
 AT_REST = {"tau_s": "tau_c", "f_s": "f_c"}
@@ -22,26 +26,35 @@ PHI_S = shape("phi_s", (0.005, 0.05), ("s_s", (0.001, 0.01)))
 
 def friction_cards() -> tuple[Card, ...]:
     """Return the cards of friction."""
-    return (
-        Card(
-            id="coulomb_friction",
-            summary="dry friction of constant level that sticks at rest",
-            insertion="parallel",
-            components={R: rotational.CoulombFriction, T: translational.CoulombFriction},
-            parameters=(level("tau_c", "f_c"),),
-            dissipative=True,
-            nested_in=(
-                "stribeck_friction",
-                "breakaway_friction",
-                "asymmetric_friction",
-                "position_dependent_friction",
-                "load_dependent_friction",
-            ),
-            equivalent_to={"dahl_friction": "swings that are long against the presliding length"},
-            regressors=("sign v",),
-            excited_by="motion at two amplitudes, with reversals",
-            source=f"C. A. Coulomb, Theorie des machines simples (1785); {ARMSTRONG}",
+    coulomb = Card(
+        id="coulomb_friction",
+        summary="dry friction of constant level that sticks at rest",
+        insertion="parallel",
+        components={R: rotational.CoulombFriction, T: translational.CoulombFriction},
+        parameters=(level("tau_c", "f_c"),),
+        dissipative=True,
+        nested_in=(
+            "stribeck_friction",
+            "breakaway_friction",
+            "asymmetric_friction",
+            "position_dependent_friction",
+            "load_dependent_friction",
         ),
+        equivalent_to={"dahl_friction": "swings that are long against the presliding length"},
+        regressors=("sign v",),
+        excited_by="motion at two amplitudes, with reversals",
+        source=f"C. A. Coulomb, Theorie des machines simples (1785); {ARMSTRONG}",
+    )
+    creeping = replace(
+        coulomb,
+        summary="dry friction of constant level that creeps below some speed instead of sticking",
+        components={R: rotational_losses.CreepingFriction, T: translational_losses.CreepingFriction},
+        parameters=(*coulomb.parameters, W_R),
+        source="S. Andersson, A. Soderberg, S. Bjorklund, Tribology International 40 (2007), 580-587, "
+        "10.1016/j.triboint.2005.11.014",
+    )
+    return (
+        replace(coulomb, creeping=creeping),
         Card(
             id="viscous_friction",
             summary="friction proportional to the speed",

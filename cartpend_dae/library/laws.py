@@ -21,6 +21,11 @@ def breakaway_level(v: ca.SX, level: ca.SX, peak: ca.SX, v_s: ca.SX) -> ca.SX:
     return level + (peak - level) * ca.fmax(0, 1 - ca.fabs(v) / v_s)
 
 
+def creep_level(v: ca.SX, level: ca.SX, v_r: ca.SX) -> ca.SX:
+    """Return level tanh(|v|/v_r), the level of friction that creeps below the speed v_r and is 0 at rest."""
+    return level * ca.tanh(ca.fabs(v) / v_r)
+
+
 def not_negative(level: ca.SX) -> ca.SX:
     """Return the level where it is not negative, else 0; at 0 it has the slope of the level."""
     return ca.if_else(level >= 0, level, 0)

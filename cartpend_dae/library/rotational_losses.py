@@ -11,6 +11,7 @@ from cartpend_dae.library.laws import (
     SHORTEST,
     beyond,
     breakaway_level,
+    creep_level,
     each_way,
     not_negative,
     presliding_rate,
@@ -49,6 +50,26 @@ class BreakawayFriction(CompliantWithSpeed):
         yield from super().equations()
         level = breakaway_level(self.w_rel, self.tau_c, self.tau_s, self.w_s)
         yield self.tau == dry_friction(self.w_rel, level)
+
+
+class CreepingFriction(CompliantWithSpeed):
+    """Coulomb friction that creeps instead of sticking, tau = tau_c tanh(w_rel/w_r).
+
+    A film or grease yields before the contact slides: below w_r the torque grows with the speed, and is 0 at rest. The
+    narrower w_r, the nearer to Coulomb friction; steps end where the motion turns, as there.
+
+    References
+    ----------
+    S. Andersson, A. Soderberg, S. Bjorklund, Tribology International 40 (2007), 580-587,
+    doi:10.1016/j.triboint.2005.11.014.
+    """
+
+    tau_c: Param = param(unit="N.m", default=0.0, min=0, doc="Coulomb level, while sliding")
+    w_r: Param = param(unit="rad/s", default=0.05, min=0, doc="speed below which it creeps")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        yield self.tau == dry_friction(self.w_rel, creep_level(self.w_rel, self.tau_c, self.w_r))
 
 
 class AsymmetricFriction(CompliantWithSpeed):

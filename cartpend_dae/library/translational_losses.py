@@ -11,6 +11,7 @@ from cartpend_dae.library.laws import (
     SHORTEST,
     beyond,
     breakaway_level,
+    creep_level,
     each_way,
     not_negative,
     presliding_rate,
@@ -49,6 +50,26 @@ class BreakawayFriction(CompliantWithSpeed):
         yield from super().equations()
         level = breakaway_level(self.v_rel, self.f_c, self.f_s, self.v_s)
         yield self.f == dry_friction(self.v_rel, level)
+
+
+class CreepingFriction(CompliantWithSpeed):
+    """Coulomb friction that creeps instead of sticking, f = f_c tanh(v_rel/v_r).
+
+    A film or grease yields before the contact slides: below v_r the force grows with the speed, and is 0 at rest. The
+    narrower v_r, the nearer to Coulomb friction; steps end where the motion turns, as there.
+
+    References
+    ----------
+    S. Andersson, A. Soderberg, S. Bjorklund, Tribology International 40 (2007), 580-587,
+    doi:10.1016/j.triboint.2005.11.014.
+    """
+
+    f_c: Param = param(unit="N", default=0.0, min=0, doc="Coulomb level, while sliding")
+    v_r: Param = param(unit="m/s", default=0.005, min=0, doc="speed below which it creeps")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        yield self.f == dry_friction(self.v_rel, creep_level(self.v_rel, self.f_c, self.v_r))
 
 
 class AsymmetricFriction(CompliantWithSpeed):
