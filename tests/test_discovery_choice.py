@@ -23,6 +23,7 @@ from cartpend_dae.discover.shape import (
     is_far_from_noise,
     is_left_to_shape,
     is_most,
+    is_plainer_left_to_shape,
     is_shape_error,
 )
 from cartpend_dae.discover.shortlist import best_of_each
@@ -550,3 +551,14 @@ def test_coulomb_friction_creeps_where_a_richer_law_is_weaker_at_rest(fitted):
     assert again[1].insertion.card.components != sharp.insertion.card.components
     peak = fitted("stribeck_friction", 0.0, 100.0, tau_c=0.45, tau_s=0.6, w_s=0.04, d=0.0)
     assert len(simplified([sharp, peak], left_by)) == 1
+
+
+def test_a_law_of_which_a_plainer_one_leaves_no_more_than_shape_is_not_told_by_noise(fitted):
+    """Coulomb friction in disturbances was called position-dependent, whose wave took up a part of them."""
+    bare = 3.0e8
+    winner = fitted("position_dependent_friction", 33_068.0, 5e3, tau_c=0.123)
+    for share, is_left in ((0.9 * TOUCH, True), (1.1 * TOUCH, False)):
+        plain = fitted("coulomb_friction", 24_154.0, share * bare, tau_c=0.12)
+        tried = {c.insertion.prefix: c for c in (winner, plain)}
+        assert is_plainer_left_to_shape(winner, tried, bare) is is_left
+    assert not is_plainer_left_to_shape(plain, tried, bare)

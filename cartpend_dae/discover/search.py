@@ -18,7 +18,14 @@ from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdi
 from cartpend_dae.discover.regime import best_bandwidth, sampling_rate
 from cartpend_dae.discover.revise import each_matters, plain, prune, settled, swap
 from cartpend_dae.discover.screen import candidates, is_other_law, screen
-from cartpend_dae.discover.shape import MOST, best_rival, is_left_to_shape, is_most, is_nearly_all
+from cartpend_dae.discover.shape import (
+    MOST,
+    best_rival,
+    is_left_to_shape,
+    is_most,
+    is_nearly_all,
+    is_plainer_left_to_shape,
+)
 from cartpend_dae.discover.state import Base, Rules, push_left
 from cartpend_dae.discover.trial import lead_needed, try_all, try_in_noise, weighed_trials
 from cartpend_dae.discover.weigh import weigh
@@ -122,14 +129,17 @@ def _against_forces(
 ) -> tuple[Rules, Base, Base]:
     """Search against random forces; return the rules, and the models before and after.
 
-    What noise alone had found stands if it leaves no more than the shape of each effect; if both agree on it; if it is
-    most of all, and forces find nothing, as the injection that suits them hides what is wrong at a sensor, or what
-    leaves clearly more of the runs; and if the model cannot be weighed so, or the search is interrupted before.
+    What noise alone had found stands if it leaves no more than the shape of each effect, and no plainer law does; if
+    both agree on it; if it is most of all, and forces find nothing, as the injection that suits them hides what is
+    wrong at a sensor, or what leaves clearly more of the runs; and if the model cannot be weighed so, or the search is
+    interrupted before.
     """
     found, stood = log.steps, log.base
     old = (replace(noise, regime="disturbances"), *without)
     rules, start = noise, without[0]
-    if found and is_left_to_shape(without[1].bare, without[1].fit) and each_matters(bench, without[1], found, noise):
+    is_shape = bool(found) and is_left_to_shape(without[1].bare, without[1].fit)
+    is_told = len(found) > 1 or not (found and is_plainer_left_to_shape(found[0].candidate, log.tried, without[1].bare))
+    if is_shape and is_told and each_matters(bench, without[1], found, noise):
         return old
     try:
         rules, start = _forced(bench, noise, without[0])

@@ -1,8 +1,10 @@
 """Whether what is left of the data is what the laws found may be wrong by: no law is right to the last percent."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from cartpend_dae.discover.choice import SHAPE, TOUCH
+from cartpend_dae.discover.choice import SHAPE, TOUCH, contains
 from cartpend_dae.discover.gate import NOISE_ALONE, is_noise_alone, residuals
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.screen import is_other_law
@@ -44,6 +46,25 @@ def is_left_to_shape(bare: float, fit: Fit) -> bool:
     `bare` is chi2 of the model without additions.
     """
     return fit.chi2 < TOUCH * (bare - fit.chi2) and fit.chi2 < FAR * fit.n_residuals
+
+
+def is_plainer_left_to_shape(winner: Candidate, tried: Mapping[str, Candidate], bare: float) -> bool:
+    """Return whether a law that the one found contains leaves no more than its shape either.
+
+    Where disturbances are left as well, a richer law may have taken up a part of them.
+
+    Parameters
+    ----------
+    winner
+        The law found.
+    tried
+        The last word on each candidate, by prefix.
+    bare
+        chi2 of the model without additions.
+    """
+    others = [c for c in tried.values() if c.insertion.prefix != winner.insertion.prefix]
+    plain = [c.fit for c in others if c.fit is not None and contains(winner, c, others)]
+    return any(fit.chi2 < TOUCH * (bare - fit.chi2) for fit in plain)
 
 
 def is_far_from_noise(before: Fit, after: Fit) -> bool:
