@@ -155,7 +155,7 @@ def train(
     begin, compared = base
     point, found = dict(begin.point), None
     for bandwidth in bandwidths:
-        depends = [str((one.prefix, dict(one.values))) for one in (*taken, closure)], bandwidth, point, sd
+        depends = [one.content for one in (*taken, closure)], bandwidth, point, sd
         at = {"bandwidth": bandwidth, "guess": point, "sd": sd}
         found = bench.store.recall("closure", depends, lambda at=at: estimate(problem, **at, patient=False))
         bench.report(

@@ -322,7 +322,7 @@ def _fitted(
         (
             "couple",
             [i.prefix for i in base.taken],
-            [(c.insertion.prefix, str(dict(c.insertion.values))) for c in (pair.one, pair.other)],
+            [c.insertion.content for c in (pair.one, pair.other)],
             dict(pair.parameters),
             None if pair.fit is None else pair.fit.point,
             base.fit.point,

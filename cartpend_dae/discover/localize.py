@@ -117,7 +117,7 @@ def localize(
     SolverError
         If the model cannot be followed along its data.
     """
-    names = tuple(str((insertion.prefix, dict(insertion.values))) for insertion in taken)
+    names = tuple(insertion.content for insertion in taken)
     depends = names, fit.point if fit is not None else None, only_at
     return bench.store.recall("places", depends, lambda: _localized(bench, taken, fit, only_at))
 

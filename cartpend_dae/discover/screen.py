@@ -101,7 +101,7 @@ def screen(
         effect stands once at a place, with the start that promises most; the next best is among its `others` if it
         promises about as much, as a fit may end elsewhere from there.
     """
-    names = tuple(str((option.prefix, dict(option.values))) for option in (*taken, *options))
+    names = tuple(option.content for option in (*taken, *options))
     against = None if weighed is None else (weighed.criterion, weighed.bandwidth, weighed.forces)
     at = _At(bench, taken, point, bandwidth, sd, weighed)
     depends = names, len(taken), dict(point), bandwidth, sd, against
@@ -133,7 +133,7 @@ def promise(
 
     Arguments are those of `screen`; each effect has the first of its starts.
     """
-    names = tuple(str((option.prefix, dict(option.values))) for option in (*taken, *options))
+    names = tuple(option.content for option in (*taken, *options))
     at = _At(bench, taken, point, bandwidth, sd, None)
     depends = names, len(taken), dict(point), bandwidth, sd
     batch = _batches(options)[0]

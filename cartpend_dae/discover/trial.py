@@ -248,7 +248,7 @@ def left_by(candidate: Candidate) -> float:
 def _enough(bench: Workbench, base: Base, rules: Rules, new: list[Candidate]) -> Candidate | None:
     """Return the best of some candidates that do one thing if it leaves noise alone, with injection and without."""
     fitted_ones = [c for c in new if c.fit is not None and not c.why_not and not is_composite(c.insertion)]
-    best = min(fitted_ones, key=lambda c: c.fit.chi2 if c.fit else np.inf, default=None)
+    best = min(fitted_ones, key=left_by, default=None)
     if best is None or best.fit is None or not _is_clean(best):
         return None
     together = (*base.taken, best.insertion)

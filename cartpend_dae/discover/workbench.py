@@ -313,7 +313,7 @@ def _is_late(system: System, insertions: tuple[Insertion, ...]) -> bool:
 
 
 def _key(insertions: tuple[Insertion, ...]) -> tuple[str, ...]:
-    return tuple(str((insertion.prefix, dict(insertion.values))) for insertion in insertions)
+    return tuple(insertion.content for insertion in insertions)
 
 
 def _finite(bound: float) -> float | None:

@@ -20,7 +20,6 @@ W_R = shape("w_r", (0.05,), ("v_r", (0.005,)))
 # a peak at rest alone: a wide band would be another Stribeck curve
 BAND = choice("w_s", (0.02,), ("v_s", (0.001,)))
 AT_REST = {"tau_s": "tau_c", "f_s": "f_c"}
-# measured peaks are 1 to 2 times the level of sliding (Armstrong-Helouvry 1994); beyond 3 it is another law in disguise
 PHI_S = shape("phi_s", (0.005, 0.05), ("s_s", (0.001, 0.01)))
 
 
@@ -185,6 +184,7 @@ def friction_cards() -> tuple[Card, ...]:
             components={R: rotational_losses.LuGreFriction, T: translational_losses.LuGreFriction},
             parameters=(
                 level("tau_c", "f_c"),
+                # measured peaks are 1 to 2 times the level of sliding (Armstrong-Helouvry 1994); beyond 3 another law
                 shape("r_s", (1.5,), lower=1.0, upper=3.0),
                 WS,
                 PHI_S,

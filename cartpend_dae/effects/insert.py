@@ -47,6 +47,11 @@ class Insertion:
         return f"{self.place.at}.{self.card.id}"
 
     @property
+    def content(self) -> str:
+        """What is kept of a model with it depends on this: its name and the numbers of its parameters."""
+        return str((self.prefix, dict(self.values)))
+
+    @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         """Parameters of the effect that can be estimated: all but what is tried or read."""
         return tuple(item for item in self.card.parameters if item.role not in GIVEN)
