@@ -289,6 +289,8 @@ def test_earlier_packages_get_a_row_each_and_a_page_of_their_own(loaded, tmp_pat
     assert "| p1 | 1 | 1/1 |  |  |  |  |" in target.read_text()
     assert "### By the earlier package p1" not in target.read_text()
     assert "### By the earlier package p1" in history.read_text()
+    table([*options, "--package", "p1", "--before", "p0"])
+    assert "| single, noise | right first | 99 % | 1/1 (21–100 %) | 1/1 (21–100 %) |" in capsys.readouterr().out
     table(options)
     assert "### By the earlier package p1" in capsys.readouterr().out
 

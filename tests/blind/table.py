@@ -1,7 +1,8 @@
 """Make the table of the blind test bed: ``python tests/blind/table.py [--tuning] [--detail]``.
 
 Each cell says how many data sets stand behind it; shares have 95 % intervals after Wilson. Of what is not exactly right
-it says where a simpler case of the hidden law was found that explains as much, which counts as wrong. Without
+it says where a simpler case of the hidden law was found that explains as much, which counts as wrong. A table of the
+targets comes first where earlier packages are named with `--before`. Without
 `--tuning` only reported seeds count. With `--keep` what was run is kept in the repository, where the next table finds
 it. With `--history` the tables of earlier packages go to a page of their own, and one row of each follows the table.
 """
@@ -9,6 +10,7 @@ it. With `--history` the tables of earlier packages go to a page of their own, a
 import argparse
 import sys
 from collections import Counter, defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -21,7 +23,8 @@ from blind.catalogue import hidden_on
 from blind.keys import REGIMES
 from blind.rigs import RIGS
 from blind.same_data import simpler_laws
-from blind.scorer import Score, score, wilson
+from blind.scorer import Score, score
+from blind.targets import share, target_table
 
 Record = dict[str, Any]
 TITLE, EARLIER = "## Blind data sets", "## What is kept"
@@ -33,11 +36,6 @@ FAILED = Score(False, False, 0, 0, None, "failed", False, False)
 def scored(record: Record) -> Score:
     truth = record["truth"]
     return FAILED if record["result"] is None else score(record["result"], truth, simpler_laws(truth))
-
-
-def share(hits: int, n: int) -> str:
-    low, high = wilson(hits, n)
-    return f"{hits}/{n} ({100 * low:.0f}–{100 * high:.0f} %)" if n else "0/0"
 
 
 def row(label: str, kind: str, found: list[tuple[Record, Score]]) -> str:
@@ -151,7 +149,7 @@ def gaps(chosen: list[Record]) -> list[str]:
     return [*lines, f"Of {cells} pairs of a rig and a single effect {len(found)} were run."]
 
 
-def page(every: list[Record], package: str, *, tuning: bool, detail: bool) -> list[str]:
+def page(every: list[Record], package: str, *, tuning: bool, detail: bool, earlier: Sequence[str] = ()) -> list[str]:
     """Return the lines of the table for one state of the package.
 
     Parameters
@@ -164,6 +162,8 @@ def page(every: list[Record], package: str, *, tuning: bool, detail: bool) -> li
         Count the seeds for tuning, in place of the reported ones.
     detail
         Give a row to each effect and place.
+    earlier
+        Hashes of earlier packages, which the table of targets counts beside this one; without any there is none.
     """
     chosen = [r for r in every if r["package"] == package and (r["truth"]["seed"] < REPORTED_FROM) == tuning]
     what = "seeds for tuning" if tuning else "reported seeds"
@@ -173,6 +173,10 @@ def page(every: list[Record], package: str, *, tuning: bool, detail: bool) -> li
     failed = Counter(r["failure"][:80] for r in chosen if r["result"] is None)
     lines += [f"Failed: {count} with `{reason}`." for reason, count in failed.most_common()]
     found = [(r, scored(r)) for r in chosen]
+    if earlier:
+        before = set(earlier) - {package}
+        others = [r for r in every if r["package"] in before and (r["truth"]["seed"] < REPORTED_FROM) == tuning]
+        lines += target_table(found, [*found, *((r, scored(r)) for r in others)], len(before))
     return [*lines, *sections(found, detail), *misses(found)]
 
 
@@ -220,7 +224,7 @@ def main(argv: list[str] | None = None) -> int:
     found = store.records(options.store)
     if options.keep:
         store.keep(found)
-    lines = page(found, package, tuning=options.tuning, detail=options.detail)
+    lines = page(found, package, tuning=options.tuning, detail=options.detail, earlier=options.before)
     history: list[str] = []
     for before in options.before:
         earlier = page(found, before, tuning=options.tuning, detail=options.detail)
