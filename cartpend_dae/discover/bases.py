@@ -8,7 +8,7 @@ import numpy as np
 
 from cartpend_dae.discover.choice import is_tied
 from cartpend_dae.discover.disturbed import fitted
-from cartpend_dae.discover.gate import residuals
+from cartpend_dae.discover.gate import is_noise_alone, residuals
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.screen import candidates, screen
 from cartpend_dae.discover.state import Base, Rules
@@ -55,6 +55,14 @@ def followed(
         return replace(fit_base(bench, taken, guess, rules), bare=bare)
     except SolverError:
         return None
+
+
+def noise_alone(bench: Workbench, base: Base, rules: Rules) -> Base | None:
+    """Return the model without random forces, if it leaves noise alone so: then nothing else moves the rig."""
+    if rules.alone is None or not base.taken:
+        return None
+    after = followed(bench, base.taken, base.fit.point, rules.alone, base.bare)
+    return after if after is not None and is_noise_alone(after.fit) else None
 
 
 def base_of(bench: Workbench, before: Base, taken: tuple[Insertion, ...], winner: Candidate, rules: Rules) -> Base:

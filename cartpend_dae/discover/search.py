@@ -5,10 +5,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cartpend_dae.discover.bases import Library, base_of, fit_base, noise_rules, place_with_a_future
+from cartpend_dae.discover.bases import Library, base_of, fit_base, noise_alone, noise_rules, place_with_a_future
 from cartpend_dae.discover.choice import SHAPE, are_parallel, beyond_shape, step_of
 from cartpend_dae.discover.couple import couple, plainer, simpler
-from cartpend_dae.discover.disturbed import fitted, penalty
+from cartpend_dae.discover.disturbed import fitted
 from cartpend_dae.discover.edges import off_edges
 from cartpend_dae.discover.evidence import determined, lead, with_robust_sd
 from cartpend_dae.discover.gate import residuals
@@ -25,12 +25,12 @@ from cartpend_dae.discover.shape import (
     is_most,
     is_nearly_all,
     is_plainer_left_to_shape,
+    supported,
 )
 from cartpend_dae.discover.state import Base, Rules, push_left
 from cartpend_dae.discover.trial import lead_needed, try_all, try_in_noise, weighed_trials
-from cartpend_dae.discover.weigh import weigh
 from cartpend_dae.discover.workbench import Workbench
-from cartpend_dae.effects import Card, Insertion, Place
+from cartpend_dae.effects import Card, Place
 from cartpend_dae.errors import SolverError
 from cartpend_dae.identify import Fit
 
@@ -132,7 +132,7 @@ def _against_forces(
     What noise alone had found stands if it leaves no more than the shape of each effect, and no plainer law does; if
     both agree on it; if it is most of all, and forces find nothing, as the injection that suits them hides what is
     wrong at a sensor, or what leaves clearly more of the runs; and if the model cannot be weighed so, or the search is
-    interrupted before.
+    interrupted before. Where forces find what leaves noise alone, there are none.
     """
     found, stood = log.steps, log.base
     old = (replace(noise, regime="disturbances"), *without)
@@ -156,6 +156,8 @@ def _against_forces(
             rules, start = _disturbed(bench, noise, without[0], log, library)
         log.steps, log.base = ([], None) if seen is None else ([seen[1]], seen[0])
         base = _grow(bench.on(rules.weighing), start, rules, library, max_steps, log)
+        if base.taken and rules.regime == "forces" and base.weighed is None:
+            return noise, without[0], base
     except SolverError:  # it diverges in the steps with which it is weighed
         log.steps, log.base = found, stood
         return old
@@ -234,7 +236,7 @@ def _forced(bench: Workbench, noise: Rules, base: Base) -> tuple[Rules, Base]:
     early = base.fits[noise.screening]
     fit, weighed = fitted(bench, (), noise.loads, early.point, noise.screening, noise.sd)
     bandwidth = float(fit.bandwidth[0])
-    rules = Rules("forces", (bandwidth,), bandwidth, noise.sd, noise.loads, bench.weighing)
+    rules = Rules("forces", (bandwidth,), bandwidth, noise.sd, noise.loads, bench.weighing, noise)
     return rules, Base((), {bandwidth: fit}, base.bare, weighed)
 
 
@@ -289,10 +291,11 @@ def _grow(
 ) -> Base:
     """Add effects while there is structure; the free simulation has it, so there is always a first round.
 
-    It goes on from what the log has.
+    It goes on from what the log has, and ends with the model in noise where that is all that is left.
     """
     first, base = base, log.base or base
-    while len(log.steps) < max_steps:
+    alone = noise_alone(bench, base, rules)
+    while alone is None and len(log.steps) < max_steps:
         try:
             grown = _grown(bench, base, rules, library, log, max_steps - len(log.steps))
         except SolverError:
@@ -301,12 +304,13 @@ def _grow(
             break  # what was found before stands
         if grown is None:
             break
-        base = grown
+        base, alone = grown, noise_alone(bench, grown, rules)
         if rules.regime != "forces" and not residuals(base.fit).is_passed:
             break
         if push_left(first, base) < SHAPE:  # what is left may be what the laws found are wrong by
             break
-    return base
+    log.base = alone or log.base
+    return alone or base
 
 
 def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _Log, n_more: int) -> Base | None:
@@ -319,7 +323,7 @@ def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _L
     options = candidates(*library, base.taken)
     if rules.regime == "noise" and log.steps:
         base = off_edges(bench, base, rules)
-        options = _supported(bench, base, rules, options)
+        options = supported(bench, base, rules, options)
         if not options:
             return None
     if rules.regime == "noise":
@@ -352,24 +356,6 @@ def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _L
         base, steps = plain(bench, base, steps, rules, list(log.tried.values()), left)
     log.steps, log.base = steps, base
     return base
-
-
-def _supported(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]) -> list[Insertion]:
-    """Return the effects that explain more of what is left than small random forces would, from each of their starts.
-
-    What an effect leaves may be the error of its law, or disturbances; a second one must do better than both. It is
-    looked for with as much injection as does not hide it.
-    """
-    shown = [w for w in base.fits if 0 < w <= rules.screening and residuals(base.fits[w]).is_passed]
-    bandwidth = max(shown, default=max(w for w in base.fits if w <= rules.screening))
-    point = base.fits[bandwidth].point
-    weighed = weigh(bench, base.taken, rules.loads, point, bandwidth, rules.sd)
-    screened = screen(bench, base.taken, point, options, bandwidth, rules.sd, weighed=weighed)
-    cost = penalty(len(options))
-    good = {
-        c.insertion.prefix for c in screened if not c.why_not and c.predicted > cost * len(c.insertion.parameter_names)
-    }
-    return [option for option in options if option.prefix in good]
 
 
 def _reported(bench: Workbench, base: Base, rules: Rules) -> Fit:

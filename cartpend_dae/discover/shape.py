@@ -5,10 +5,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from cartpend_dae.discover.choice import SHAPE, TOUCH, contains
+from cartpend_dae.discover.disturbed import penalty
 from cartpend_dae.discover.gate import NOISE_ALONE, is_noise_alone, residuals
 from cartpend_dae.discover.records import Candidate
-from cartpend_dae.discover.screen import is_other_law
-from cartpend_dae.discover.state import Base
+from cartpend_dae.discover.screen import is_other_law, screen
+from cartpend_dae.discover.state import Base, Rules
+from cartpend_dae.discover.weigh import weigh
+from cartpend_dae.discover.workbench import Workbench
+from cartpend_dae.effects import Insertion
 from cartpend_dae.identify import Fit
 
 # a law's shape leaves less than the share TOUCH of what it explains, unless so many times noise were left before: where
@@ -80,3 +84,21 @@ def is_nearly_all(base: Base) -> bool:
 def is_most(base: Base) -> bool:
     """Return whether additions leave no more than disturbances alone would, moved to where an effect explains most."""
     return bool(base.taken) and base.fit.chi2 - base.fit.n_residuals < MOST * (base.bare - base.fit.chi2)
+
+
+def supported(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]) -> list[Insertion]:
+    """Return the effects that explain more of what is left than small random forces would, from each of their starts.
+
+    What an effect leaves may be the error of its law, or disturbances; a second one must do better than both. It is
+    looked for with as much injection as does not hide it.
+    """
+    shown = [w for w in base.fits if 0 < w <= rules.screening and residuals(base.fits[w]).is_passed]
+    bandwidth = max(shown, default=max(w for w in base.fits if w <= rules.screening))
+    point = base.fits[bandwidth].point
+    weighed = weigh(bench, base.taken, rules.loads, point, bandwidth, rules.sd)
+    screened = screen(bench, base.taken, point, options, bandwidth, rules.sd, weighed=weighed)
+    cost = penalty(len(options))
+    good = {
+        c.insertion.prefix for c in screened if not c.why_not and c.predicted > cost * len(c.insertion.parameter_names)
+    }
+    return [option for option in options if option.prefix in good]

@@ -35,7 +35,8 @@ class Base:
 class Rules:
     """How the regime fits and decides: `stages` of the base, the stage of screening, weights.
 
-    Random forces may act as the `loads` do. `weighing` are the steps of the workbench on which models are weighed.
+    Random forces may act as the `loads` do. `weighing` are the steps of the workbench on which models are weighed, and
+    `alone` are the rules where noise is all that is left.
     """
 
     regime: Regime
@@ -44,6 +45,7 @@ class Rules:
     sd: np.ndarray
     loads: tuple[Insertion, ...] = ()
     weighing: Stride = None
+    alone: "Rules | None" = None
 
     @property
     def descent(self) -> tuple[float, ...]:

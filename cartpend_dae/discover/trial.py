@@ -34,6 +34,8 @@ FEW, HALF = 5, 0.5
 RIVALS = 3
 # share of what a law of dry friction explains against random forces by which another of its contact is clearly better
 LAW = 0.1
+# a law that leaves less than so many times what the best one leaves at first may be the wrong one of its contact
+NEAR = 1.5
 # where no effect explains this share of chi2, the injection hides what is missing
 HIDDEN = 0.1
 # predictions below this share of the best one are not fitted
@@ -73,6 +75,10 @@ def try_in_noise(bench: Workbench, base: Base, rules: Rules, options: list[Inser
     if more:
         new, enough = _first_fits(bench, base, rules, stage, more, enough)
         early += new
+    laws = other_laws(best, [c for c in possible if c not in wide and c not in elsewhere])
+    if laws:
+        new, enough = _first_fits(bench, base, rules, stage, laws, enough)
+        early, wide = early + new, wide + laws
     if not any(_explains_most(c, base.fits[stage]) for c in early):
         others = [c for c in possible if c not in wide and c not in elsewhere]
         later = [c for c in others if c.predicted > FAINT * possible[0].predicted][:WIDE]
@@ -87,6 +93,17 @@ def try_in_noise(bench: Workbench, base: Base, rules: Rules, options: list[Inser
     complete = [c for c in judged if c.fit is not None]
     ranked = rounded_first(ordered_by_bic(bench, complete, base, rules))
     return stage, ranked + [c for c in judged if c.fit is None] + rest
+
+
+def other_laws(best: list[Candidate], others: list[Candidate]) -> list[Candidate]:
+    """Return other laws of a contact of which one is nearly the best at the first stage, if none leaves noise alone.
+
+    A law with a memory promises little where nothing rubs yet: its first order is that of its start.
+    """
+    if not best or best[0].fit is None or is_noise_alone(best[0].fit):
+        return []
+    near = [c for c in best if left_early(c) < NEAR * left_early(best[0])]
+    return [c for c in others if any(is_other_law(c, one) for one in near)]
 
 
 def _explains_most(candidate: Candidate, before: Fit) -> bool:

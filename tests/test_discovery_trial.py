@@ -1,0 +1,43 @@
+"""Which laws are fitted at the first stage, and that the search against random forces ends where there are none."""
+
+from dataclasses import replace
+
+import numpy as np
+from test_discovery_choice import bench, fitted, names, noise, plain_fit  # noqa: F401
+
+from cartpend_dae.discover.bases import noise_alone, noise_rules
+from cartpend_dae.discover.state import Base, Rules
+from cartpend_dae.discover.trial import NEAR, other_laws
+from cartpend_dae.effects import insertion_at, places
+from models.rota_damp import RotaDamp
+
+
+def test_other_laws_of_the_contact_are_fitted_where_the_best_one_leaves_more_than_noise(fitted, noise):  # noqa: F811
+    """Slip of several contacts was no candidate: where nothing rubs yet it promises a quarter of a sensor's wave."""
+    best = replace(fitted("hysteresis", 9.0, 2410.0, c_h=1.0, z_h=1e-3), early=2410.0)
+    law = replace(fitted("dahl_friction", 9.0, 2731.0, tau_c=0.3, phi_s=1e-3), early=2731.0)
+    sensor = replace(fitted("cubic_stiffness", 9.0, 3000.0, c3=0.1), early=3000.0)
+    others = [
+        fitted("maxwell_slip_friction", 0.0, 0.0, tau_c=0.3, phi_s=1e-3),
+        fitted("linear_stiffness", 0.0, 0.0, c=1.0),
+    ]
+    assert names(other_laws([best, law, sensor], others)) == ["maxwell_slip_friction"]
+    assert not other_laws([sensor, replace(law, early=1.1 * NEAR * 3000.0)], others)
+    assert not other_laws([replace(best, fit=noise), law], others)
+    assert not other_laws([], others)
+
+
+def test_against_forces_a_model_that_leaves_noise_alone_ends_the_search(bench):  # noqa: F811
+    """A clock that runs wrong was named beside a law of friction that had left forces a little, and free nothing."""
+    rules = noise_rules(bench, places(RotaDamp()), 0.0)
+    forces = Rules("forces", (2.0,), 2.0, rules.sd, alone=rules)
+    found = {}
+    for effect in ("coulomb_friction", "quadratic_drag"):
+        taken = (insertion_at(RotaDamp(), effect, "bearing"),)
+        found[effect] = Base(taken, {2.0: bench.fit(taken, taken[0].starts, (2.0,), rules.sd)})
+    alone = noise_alone(bench, found["coulomb_friction"], forces)
+    assert alone is not None and alone.weighed is None and alone.fit.bandwidth[0] == 0.0
+    assert np.isclose(alone.fit.values["bearing.coulomb_friction.tau_c"], 0.05, rtol=0.01)
+    assert noise_alone(bench, found["quadratic_drag"], forces) is None
+    assert noise_alone(bench, found["coulomb_friction"], replace(forces, alone=None)) is None
+    assert noise_alone(bench, Base((), found["coulomb_friction"].fits), forces) is None
