@@ -31,6 +31,11 @@ from cartpend_dae.system import System
 from cartpend_dae.uncertainty import NORMAL_95
 
 MOST_BARS = 15
+_GAINS = {
+    "noise": "drop of the Bayesian information criterion",
+    "disturbances": "cross-validated cost explained [%]",
+    "forces": "drop of -2 ln likelihood",
+}
 
 
 @singledispatch
@@ -199,8 +204,7 @@ def _(result: Search, axes: Axes | None = None) -> Axes:
     shown = [candidate for candidate in all_candidates(result) if candidate.fit is not None][:MOST_BARS]
     colors = [QUIET if candidate.why_not else AFTER for candidate in shown]
     axes = _bars(_axes(axes), [_label(candidate) for candidate in shown], [c.gain for c in shown], colors)
-    is_noise = result.regime == "noise"
-    axes.set_xlabel("drop of the Bayesian information criterion" if is_noise else "cross-validated cost explained [%]")
+    axes.set_xlabel(_GAINS[result.judged])
     return axes
 
 

@@ -129,7 +129,7 @@ def candidate_figure(search: Search) -> Figure:
     figure = Figure(figsize=(10.5, 1.3 + 0.2 * sum(heights)), layout="constrained")
     bars, notes = figure.subplots(1, 2, width_ratios=[1.0, 0.62], sharey=True)
     limits = {"noise": MIN_BIC_GAIN, "disturbances": 100 * MIN_SHARE, "forces": penalty(len(search.candidates))}
-    limit = limits[search.regime]
+    limit = limits[search.judged]
     gains = [candidate.gain if candidate.fit is not None else 0.0 for candidate in shown]
     colors = [QUIET if candidate.why_not else AFTER for candidate in shown]
     bars.barh(middles, gains, height=1.1, color=colors)
@@ -139,11 +139,11 @@ def candidate_figure(search: Search) -> Figure:
         f"needed: {limit:.3g}", (limit, 1.0), (3, 2), color=BEFORE, fontsize=9,
         xycoords=("data", "axes fraction"), textcoords="offset points",
     )  # fmt: skip
-    if search.regime == "disturbances":
+    if search.judged == "disturbances":
         bars.set_xlim(min(0.0, 1.1 * min(gains, default=0.0)), max(100.0, 1.1 * max(gains, default=0.0)))
         bars.set_xlabel("cross-validated cost explained [%]")
     else:
-        what = "the Bayesian information criterion" if search.regime == "noise" else "-2 ln likelihood"
+        what = "the Bayesian information criterion" if search.judged == "noise" else "-2 ln likelihood"
         bars.set_xscale("symlog", linthresh=MIN_BIC_GAIN, linscale=0.8)
         bars.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         bars.xaxis.set_minor_formatter(NullFormatter())

@@ -6,6 +6,7 @@ import numpy as np
 from test_discovery_choice import bench, fitted, names, noise, plain_fit  # noqa: F401
 
 from cartpend_dae.discover.bases import noise_alone, noise_rules
+from cartpend_dae.discover.search import _Log
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import NEAR, other_laws
 from cartpend_dae.effects import insertion_at, places
@@ -41,3 +42,14 @@ def test_against_forces_a_model_that_leaves_noise_alone_ends_the_search(bench): 
     assert noise_alone(bench, found["quadratic_drag"], forces) is None
     assert noise_alone(bench, found["coulomb_friction"], replace(forces, alone=None)) is None
     assert noise_alone(bench, Base((), found["coulomb_friction"].fits), forces) is None
+
+
+def test_where_what_noise_found_stands_its_gains_do_too(fitted):  # noqa: F811
+    """A report had called drops of BIC a share of the cost in percent."""
+    in_noise = fitted("coulomb_friction", 20_965.0, 1.0, tau_c=0.09)
+    log = _Log(tried={in_noise.insertion.prefix: in_noise})
+    before = replace(log, tried=dict(log.tried))
+    log.tried |= {in_noise.insertion.prefix: replace(in_noise, gain=2072.0)}
+    log.judged = "forces"
+    log.back_to(before)
+    assert log.judged == "noise" and log.tried[in_noise.insertion.prefix].gain == 20_965.0

@@ -12,6 +12,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from cartpend_dae import ModelError, assemble, linearize, plots, simulate
 from cartpend_dae.library import signals
+from cartpend_dae.plot import plot
+from cartpend_dae.report import tables
+from cartpend_dae.report.result import GAINS
 from cartpend_dae.study import load_model, model_reference
 
 
@@ -73,6 +76,16 @@ def test_candidate_figure_shows_gains_and_reasons_without_overlap():
     assert len(boxes) == len(search.candidates)
     assert all(upper.y0 >= lower.y1 for upper, lower in pairwise(boxes))
     assert all(box.x1 <= figure.bbox.x1 for box in boxes)
+
+
+@pytest.mark.parametrize(("judged", "words"), [("noise", "BIC"), ("disturbances", "cost"), ("forces", "ln likelihood")])
+def test_gains_are_called_what_they_were_judged_by(judged, words):
+    """What noise alone found may stand where disturbances move the rig as well: its gains are still drops of BIC."""
+    search = replace(demo_run().discovery.search, regime="disturbances", judged=judged)
+    bars = plots.candidate_figure(search).get_axes()[0]
+    axes = [bars.get_xlabel(), plot(search).get_xlabel()]
+    assert all(words.replace("BIC", "Bayesian information criterion") in label for label in axes)
+    assert words in tables.gain_label(search) and words in GAINS[judged]
 
 
 def test_level_figure_puts_the_error_over_the_noise():

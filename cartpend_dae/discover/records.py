@@ -122,9 +122,10 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """The outcome on the training runs."""
+    """The outcome on the training runs; `judged` says in which regime the candidates were, and so what they gained."""
 
     regime: Regime
+    judged: Regime
     bandwidth: float
     baseline: Fit
     baseline_gate: Gate

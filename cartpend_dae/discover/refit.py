@@ -41,4 +41,4 @@ def refit(bench: Workbench, insertions: tuple[Insertion, ...], *, guess: Mapping
     verdict = "no-discrepancy" if not gate.is_passed else "unexplained"
     if steps:
         verdict = "improved" if left.is_passed else "explained"
-    return Search("noise", 0.0, before, gate, after, left, tuple(steps), (), verdict, False)
+    return Search("noise", "noise", 0.0, before, gate, after, left, tuple(steps), (), verdict, False)

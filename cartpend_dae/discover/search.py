@@ -72,7 +72,7 @@ def search(
     base = replace(base, bare=base.fit.chi2)
     gate = residuals(base.fit)
     if not gate.is_passed and (predicts or regime not in MOVED):
-        return Search("noise", 0.0, base.fit, gate, base.fit, gate, (), (), "no-discrepancy", False)
+        return Search("noise", "noise", 0.0, base.fit, gate, base.fit, gate, (), (), "no-discrepancy", False)
     log = _Log()
     rules, start, bare = noise, base, base
     library = (cards, places)
@@ -102,6 +102,7 @@ def search(
         start, base = _compared(bench, bare, start, base, rules)
     return Search(
         rules.regime,
+        log.judged,
         float(base.fit.bandwidth[0]),
         _reported(bench, start, rules),
         residuals(start.fit),
@@ -116,12 +117,20 @@ def search(
 
 @dataclass(slots=True)
 class _Log:
-    """What a search has found so far, kept when it is interrupted; `tried` holds the last word on each candidate."""
+    """What a search has found so far, kept when it is interrupted.
+
+    `tried` holds the last word on each candidate, most of them as `judged` in a regime.
+    """
 
     steps: list[Step] = field(default_factory=list)
     tried: dict[str, Candidate] = field(default_factory=dict)
     base: Base | None = None
+    judged: Regime = "noise"
     is_interrupted: bool = False
+
+    def back_to(self, before: "_Log") -> None:
+        """Let what was found before stand."""
+        self.steps, self.tried, self.base, self.judged = before.steps, before.tried, before.base, before.judged
 
 
 def _against_forces(
@@ -134,7 +143,7 @@ def _against_forces(
     wrong at a sensor, or what leaves clearly more of the runs; and if the model cannot be weighed so, or the search is
     interrupted before. Where forces find what leaves noise alone, there are none.
     """
-    found, stood = log.steps, log.base
+    found, before = log.steps, replace(log, tried=dict(log.tried))
     old = (replace(noise, regime="disturbances"), *without)
     rules, start = noise, without[0]
     is_shape = bool(found) and is_left_to_shape(without[1].bare, without[1].fit)
@@ -159,16 +168,16 @@ def _against_forces(
         if base.taken and rules.regime == "forces" and base.weighed is None:
             return noise, without[0], base
     except SolverError:  # it diverges in the steps with which it is weighed
-        log.steps, log.base = found, stood
+        log.back_to(before)
         return old
     except KeyboardInterrupt:
         log.is_interrupted = True
-        if log.base is not None and log.base is not stood:
+        if log.base is not None and log.base is not before.base:
             return rules, start, log.base
-        log.steps, log.base = found, stood
+        log.back_to(before)
         return old
     if is_most(without[1]) and not (log.steps and not _explains_less(bench, base, found[0].candidate, noise)):
-        log.steps, log.base = found, stood
+        log.back_to(before)
         return old
     return rules, start, base
 
@@ -293,7 +302,7 @@ def _grow(
 
     It goes on from what the log has, and ends with the model in noise where that is all that is left.
     """
-    first, base = base, log.base or base
+    first, base, log.judged = base, log.base or base, rules.regime
     alone = noise_alone(bench, base, rules)
     while alone is None and len(log.steps) < max_steps:
         try:

@@ -151,7 +151,7 @@ def discovery_result(opened: Opened, discovery: Discovery, seconds: float) -> Js
             "places": _places(search),
             "candidates": [_candidate(candidate) for candidate in all_candidates(search)],
             "regime": search.regime,
-            "gain_label": GAINS[search.regime],
+            "gain_label": GAINS[search.judged],
             "bandwidth": search.bandwidth,
             "gate": {"limit": LIMIT, "baseline": _gate(search.baseline_gate), "final": _gate(search.final_gate)},
             "interrupted": search.interrupted,

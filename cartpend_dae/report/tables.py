@@ -152,9 +152,9 @@ def candidate_table(search: Search) -> Table:
 
 
 def gain_label(search: Search) -> str:
-    """Say what the gain of a candidate is in the regime of a search."""
+    """Say what the gain of a candidate is in the regime in which it was judged."""
     return {"noise": "drop of BIC", "disturbances": "share of\nthe cost %", "forces": "drop of\n-2 ln likelihood"}[
-        search.regime
+        search.judged
     ]
 
 
