@@ -13,7 +13,7 @@ from cartpend_dae.discover.couple import chosen_anew, couple, next_richer, riche
 from cartpend_dae.discover.disturbed import margin_of, ordered
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.nested import PEAK, own, restarted, shared, simplified
-from cartpend_dae.discover.promising import Couple, promising
+from cartpend_dae.discover.promising import HELD, Couple, may_be_two, promising
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.screen import candidates, is_other_law
 from cartpend_dae.discover.shape import (
@@ -216,6 +216,19 @@ def test_couples_that_promise_most_together_come_first_with_their_shares():
     assert first.parameters["bearing.cubic_stiffness.c3"] == pytest.approx(3.0 * sizes[1] / 8.0)
     assert first.parameters["bearing.coulomb_friction.tau_c"] == pytest.approx(2.0 * sizes[0] / 10.0)
     assert len(others) == 2
+
+
+def test_what_shows_only_without_injection_though_much_is_left_with_it_is_not_two_effects(plain_fit):
+    def base(*left):
+        times = dict(zip((30.0, 10.0, 0.0), left, strict=True))
+        return Base((), {w: replace(plain_fit, chi2=k * plain_fit.n_residuals) for w, k in times.items()})
+
+    rules = Rules("noise", (90.0, 30.0, 10.0, 0.0), 30.0, np.ones(1))
+    far, hidden = base(5 * HELD, 4 * HELD, 1e4), base(1.0, 4 * HELD, 1e4)
+    assert not may_be_two(far, rules, 0.0, 0.0)
+    assert may_be_two(far, rules, 10.0, 0.0)  # an effect shows with injection, too
+    assert may_be_two(hidden, rules, 0.0, 0.0)  # injection hides what is missing
+    assert may_be_two(replace(far, fits={0.0: far.fit}), rules, 0.0, 0.0)
 
 
 def test_no_couple_has_two_laws_of_one_contact_twins_or_an_effect_the_wrong_way():

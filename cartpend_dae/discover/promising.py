@@ -30,6 +30,8 @@ FIRST, SECOND = 3, 4
 PLAIN = 0.5
 # of parallel effects, whose sum is open, there is no couple; and those that are the same here are tried once
 ALIGNED, SAME = 0.999, 1 - 1e-6
+# what leaves so many times noise with injection is not hidden by it
+HELD = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,16 @@ class Couple:
     def n_parameters(self) -> int:
         """Number of parameters of both effects."""
         return len(self.one.insertion.parameter_names) + len(self.other.insertion.parameter_names)
+
+
+def may_be_two(base: Base, rules: Rules, stage: float, last: float) -> bool:
+    """Return whether two effects may explain what is left, screened at `stage`: with injection some effect shows, too.
+
+    Where none does, though far more than noise is left with it, what moves the rig is in no effect. Only the free
+    simulation at the `last` stage seems to tell then, in which a small push is felt ever after.
+    """
+    held = [fit for bandwidth, fit in base.fits.items() if last < bandwidth <= rules.screening]
+    return stage > last or not held or any(fit.chi2 < HELD * fit.n_residuals for fit in held)
 
 
 def promising(ranked: list[Candidate]) -> list[Couple]:

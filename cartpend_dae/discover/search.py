@@ -13,6 +13,7 @@ from cartpend_dae.discover.edges import off_edges
 from cartpend_dae.discover.evidence import determined, lead, with_robust_sd
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.mirror import mirrored
+from cartpend_dae.discover.promising import may_be_two
 from cartpend_dae.discover.rattle import RattlingError, is_all_that_tells, least_that_tells
 from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdict
 from cartpend_dae.discover.regime import best_bandwidth, sampling_rate
@@ -345,7 +346,8 @@ def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _L
     if rules.regime == "forces":
         ranked = beyond_shape(ranked, log.steps)
     log.tried |= {candidate.insertion.prefix: candidate for candidate in ranked}
-    both = couple(bench, base, rules, options, ranked, stage) if rules.regime == "noise" and n_more > 1 else None
+    is_noise = rules.regime == "noise" and n_more > 1 and may_be_two(base, rules, stage, bench.last)
+    both = couple(bench, base, rules, options, ranked, stage) if is_noise else None
     if both is not None:
         log.base, log.steps = swap(bench, both[0], [*log.steps, *both[1]], rules, library, whole=True)
         return log.base

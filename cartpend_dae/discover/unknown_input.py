@@ -76,7 +76,10 @@ class White:
 
 @np.errstate(over="ignore", invalid="ignore")
 def whitened(chain: Chain, rows: np.ndarray, sizes: np.ndarray, times: np.ndarray) -> White:
-    """Filter rows under several sets of forces at once.
+    """Filter rows under several sets of forces at once, and all runs at once.
+
+    As e[k] = r[k] - C x[k] is the innovation of noise alone, M e[k] is taken out of what is uncertain: the states obey
+    dx[k+1] = (A - M C) dx[k] + B d[k] + M r[k], in which only the forces are random.
 
     Parameters
     ----------
@@ -89,50 +92,64 @@ def whitened(chain: Chain, rows: np.ndarray, sizes: np.ndarray, times: np.ndarra
     """
     n, n_y, m = rows.shape
     n_x, n_d, n_sets = chain.transition.shape[1], chain.pushes.shape[2], len(sizes)
-    whole = n_x + n_d
-    out, determinant = np.empty((n_sets, n, n_y, m)), np.zeros(n_sets)
-    gains = np.zeros((n, n_sets, n_x, n_y))
-    start = np.zeros((n_sets, whole, whole))
-    inner = np.arange(n_x, whole)
-    start[:, inner, inner] = sizes**2
-    step, eye, begins = np.zeros((n_sets, whole, whole)), np.eye(n_y), set(chain.first)
-    variance, state = start, np.zeros((n_sets, whole, m))
-    seen = np.zeros((n_y, whole))
-    noise = np.zeros((whole, n_y))
-    for k in range(n):
-        if k in begins:
-            variance, state = start, np.zeros((n_sets, whole, m))
-        keep = np.exp(-chain.width[k] / times)
-        step[:, :n_x, :n_x] = chain.transition[k]
-        step[:, :n_x, n_x:] = chain.pushes[k]
-        step[:, inner, inner] = keep
-        seen[:, :n_x] = chain.error[k] * chain.measured[k][:, None]
-        noise[:n_x] = chain.noise[k]
-        across = variance @ seen.T
-        spread = seen @ across + eye
-        new = rows[k] - seen @ state
-        if n_y == 1:
-            root = np.sqrt(spread)
-            out[:, k] = new / root
-            determinant += np.log(spread[:, 0, 0])
-            gain = (step @ across + noise) / spread
-            lost = gain / (1 / spread)
-        else:
-            root = np.linalg.cholesky(spread)
-            out[:, k] = np.linalg.solve(root, new)
-            determinant += 2 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-            gain = np.linalg.solve(spread, np.swapaxes(step @ across + noise, 1, 2)).swapaxes(1, 2)
-            lost = gain @ spread
-        gains[k] = (
-            across[:, :n_x] / spread
-            if n_y == 1
-            else np.linalg.solve(spread, across[:, :n_x].swapaxes(1, 2)).swapaxes(1, 2)
-        )
-        state = step @ state + gain @ new
-        variance = step @ variance @ step.swapaxes(1, 2) + noise @ noise.T - lost @ gain.swapaxes(1, 2)
-        variance[:, inner, inner] += sizes**2 * (1 - keep**2)
-        variance = (variance + variance.swapaxes(1, 2)) / 2
-    return White(out, determinant, np.median(gains, axis=0))
+    whole, inner = n_x + n_d, np.arange(n_x, n_x + n_d)
+    seen = np.zeros((n, n_y, whole))
+    seen[:, :, :n_x] = chain.error * chain.measured[:, :, None]
+    step, known = np.zeros((n, whole, whole)), np.zeros((n, whole, m))
+    step[:, :n_x, :n_x] = chain.transition - chain.noise @ seen[:, :, :n_x]
+    step[:, :n_x, n_x:] = chain.pushes
+    known[:, :n_x] = chain.noise @ rows
+    # samples of the runs side by side, (longest, n_runs); a run that has ended goes on with its last one, unseen
+    ends = np.array([*chain.first[1:], n])
+    samples = np.arange(max(ends - chain.first))[:, None] + np.array(chain.first)
+    is_on = samples < ends
+    samples = np.minimum(samples, ends - 1)
+    keep = np.exp(-chain.width[samples][:, None, :, None] / times[:, None])
+    pushed = sizes[:, None] ** 2 * (1 - keep**2)
+    out = np.empty((n_sets, n, n_y, m))
+    gains, scales = np.empty((n, n_sets, n_x, n_y)), np.empty((n, n_sets, n_y))
+    variance = np.zeros((n_sets, ends.size, whole, whole))
+    variance[:, :, inner, inner] = sizes[:, None] ** 2
+    state, eye = np.zeros((n_sets, ends.size, whole, m)), np.eye(n_y)
+    # the covariance of what is seen, then what is divided by its root: new rows, covariance with the states, and 1
+    table = np.zeros((n_sets, ends.size, n_y, n_y + m + whole + n_y))
+    moves = np.zeros((n_sets, ends.size, whole, whole))
+    new, across, ones = (slice(n_y, n_y + m), slice(n_y + m, n_y + m + whole), slice(n_y + m + whole, None))
+    for k, now in enumerate(samples):
+        c = seen[now]
+        table[..., across] = c @ variance
+        table[..., :n_y] = table[..., across] @ c.swapaxes(1, 2) + eye
+        table[..., new] = rows[now] - c @ state
+        table[..., ones] = eye
+        root = _divided(table)
+        on = is_on[k]
+        out[:, now[on]] = table[:, on, :, new]
+        scales[now[on]] = root[:, on].swapaxes(0, 1)
+        gain = table[..., across].swapaxes(2, 3)
+        gains[now[on]] = (gain[:, :, :n_x] @ table[..., ones])[:, on].swapaxes(0, 1)
+        moves[:] = step[now]
+        moves[:, :, inner, inner] = keep[k]
+        state = moves @ (state + gain @ table[..., new]) + known[now]
+        variance = moves @ (variance - gain @ table[..., across]) @ moves.swapaxes(2, 3)
+        variance[:, :, inner, inner] += pushed[k]
+        variance = (variance + variance.swapaxes(2, 3)) / 2
+    return White(out, 2 * np.log(scales).sum(axis=(0, 2)), np.median(gains, axis=0))
+
+
+def _divided(table: np.ndarray) -> np.ndarray:
+    """Divide rows (..., n_y, n_y + m), the first n_y columns a covariance, by its Cholesky factor; return its diagonal.
+
+    Each row, divided by its own element of the diagonal, is taken out of those below it.
+    """
+    n_y = table.shape[-2]
+    root = np.empty(table.shape[:-1])
+    for i in range(n_y):
+        row = table[..., i, :]
+        root[..., i] = np.sqrt(row[..., i])
+        row /= root[..., i, None]
+        if i + 1 < n_y:
+            table[..., i + 1 :, :] -= row[..., i + 1 : n_y, None] * row[..., None, :]
+    return root
 
 
 def likelihood(n: int, squares: np.ndarray | float, determinant: np.ndarray | float) -> np.ndarray:

@@ -23,6 +23,8 @@ LEFT = (0.0, 0.01, 0.03, 0.1, 0.3, 0.6, 1.0)
 # factors on sizes and times of a good set, tried one after the other
 FINER = ((0.0, 1.0), (0.1, 1.0), (0.4, 1.0), (0.7, 1.0), (1.4, 1.0), (2.5, 1.0), (1.0, 0.4), (1.0, 2.5))
 LONGEST = 1.0
+# another round of them is worth it while -2 ln likelihood falls by so much
+LITTLE = 0.5
 BLOCKS = 30
 # forces that move the data alike to this cosine are one
 ALIKE = 0.98
@@ -174,6 +176,7 @@ def _most_likely(
     best, criterion = _best(chain, rows, sizes, times)
     now = sizes[best], times[best]
     for _ in range(rounds):
+        before = criterion
         for d in range(len(chain.names)):
             sizes, times = (np.tile(part, (len(FINER), 1)) for part in now)
             sizes[:, d] *= [factor for factor, _ in FINER]
@@ -181,6 +184,8 @@ def _most_likely(
             best, found = _best(chain, rows, sizes, times)
             if found < criterion:
                 now, criterion = (sizes[best], times[best]), found
+        if before - criterion < LITTLE:
+            break
     return Forces(chain.names, *now), criterion
 
 
