@@ -129,3 +129,21 @@ def test_the_number_of_teeth_is_found_whatever_it_is():
 def test_where_nothing_may_be_added_nothing_is_found():
     bench, _ = bench_of("wave of a rail")
     assert screen(bench, (), {}, [], 20.0, bench.problem(()).prior_sd) == []
+
+
+def test_teeth_of_which_no_run_passes_one_are_not_looked_for():
+    model, hidden = RotaDamp(), {"c3": 0.04}
+    run = simulate(insert(model, "cubic_stiffness", "bearing", **hidden), 6.0, points=601, start={"bearing.phi": 1.3})
+    noisy = run["bearing.phi"] + 1e-4 * np.random.default_rng(0).standard_normal(run.time.size)
+    begin = {"bearing.phi": Start(1.3, False), "bearing.w": Start(0.0, False)}
+    channels = {"bearing.phi": Channel(noisy, "zoh", 1e-4, "rad", 0.0)}
+    experiment = Experiment("run", "train", run.time, {}, channels, begin, "free", None)
+    bench = Workbench(Setup(model, (FreeSpec("bearing.d"),), (experiment,), (), ()), lambda *_: None)
+    option, sd = insertion_at(model, "cogging", "bearing", {"n": 2.0}), bench.problem(()).prior_sd
+    found = sweep(bench, (), (option,), {}, 20.0, sd, with_shapes=True)
+    assert found.partial == {option.prefix}
+    fewest = 2 * np.pi / np.ptp(run["bearing.phi"])
+    assert fewest > 2.0
+    assert all(one.values["n"] >= fewest for one in found.again)
+    ranked = screen(bench, (), {}, [option], 20.0, sd)
+    assert [c.insertion.values["n"] >= fewest for c in ranked] == [True]

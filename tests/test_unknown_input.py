@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from cartpend_dae.discover import weigh as weigh_module
 from cartpend_dae.discover.disturbed import penalty
 from cartpend_dae.discover.unknown_input import Chain, left_over, likelihood, whitened
 
@@ -97,3 +98,12 @@ def test_a_larger_library_costs_more():
     # 2 ln(n/0.01): chi-squared of one in a hundred libraries
     assert penalty(100) == pytest.approx(2 * np.log(1e4))
     assert penalty(200) - penalty(100) == pytest.approx(2 * np.log(2))
+
+
+def test_forces_are_looked_for_until_a_round_gains_little(monkeypatch):
+    chain, values = chain_of(1), np.random.default_rng(2).standard_normal(N)
+    first = np.array([[1.0, 1.0]]), np.array([[0.1, 0.1]])
+    gains = iter([100.0, 99.0, 98.0, 97.8, 97.7, 50.0, 40.0])  # of the first sets, then of each force in each round
+    monkeypatch.setattr(weigh_module, "_best", lambda *_: (0, next(gains)))
+    _, criterion = weigh_module._most_likely(chain, chain.spread(values[chain.measured.ravel()][:, None]), first, 5)
+    assert criterion == 97.7  # the second round, which gained 0.3, was the last

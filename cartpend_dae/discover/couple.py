@@ -12,7 +12,7 @@ from cartpend_dae.discover.attempts import kept
 from cartpend_dae.discover.bases import base_of, followed
 from cartpend_dae.discover.choice import ALIKE, NEAR, SHAPE, SIMPLER, TOUCH, contains, step_of
 from cartpend_dae.discover.disturbed import is_composite
-from cartpend_dae.discover.evidence import bic
+from cartpend_dae.discover.evidence import bic, cancelled
 from cartpend_dae.discover.gate import is_clean, is_noise_alone, residuals
 from cartpend_dae.discover.nested import as_plain, holds, shared
 from cartpend_dae.discover.promising import EARLY, Couple, beside, promising
@@ -349,6 +349,8 @@ def _made(
     fit, parts = both.fit, (both.one, both.other)
     assert fit is not None
     if any(bench.contradiction(part.insertion, fit.values) for part in parts):
+        return None
+    if cancelled(fit, parts[0].insertion, (*base.taken, parts[1].insertion)):
         return None
     lone = [c for c in ranked if c.fit is not None and not c.why_not]
     is_plain = bool(lone) and both.n_parameters <= len(lone[0].insertion.parameter_names)

@@ -4,12 +4,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cartpend_dae.effects import Insertion
 from cartpend_dae.identify import Fit
 from cartpend_dae.shooting import Linearisation
 
 BLOCKS = 30
 # blocks of all runs together where what is left is compared
 LONG = 10
+# correlation of two parameters above which the variance of each is a hundred times what it were without the other
+ONE = 0.995
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +54,23 @@ def coloured_bic(fit: Fit) -> float:
     free += sum(np.count_nonzero(a) - 1 for a in fit.noise.filters)
     innovations = np.clip(np.diag(fit.noise.covariance), 1e-300, None)
     return float(n * np.sum(np.log(innovations)) + free * np.log(fit.n_residuals))
+
+
+def cancelled(fit: Fit, one: Insertion, others: tuple[Insertion, ...]) -> str:
+    """Return why an effect is none beside one of some others that it takes back; empty if there is none.
+
+    Of two effects whose contributions are opposite and nearly parallel the runs show the difference alone. That is a
+    law which neither has: a spring and a clock that runs wrong by 3 % left noise alone of a cubic spring.
+    """
+    names, correlation = [e.name for e in fit.parameters], fit.correlation
+    own = [names.index(name) for name in one.parameter_names if name in names]
+    for other in others:
+        for j in (names.index(name) for name in other.parameter_names if name in names):
+            for i in own:
+                r = float(correlation[i, j])
+                if abs(r) > ONE and r * fit.parameters[i].value * fit.parameters[j].value > 0:
+                    return f"it takes back `{other.prefix}` (correlation {r:.4f}): the runs show their difference alone"
+    return ""
 
 
 def lead(one: Fit, other: Fit) -> float:

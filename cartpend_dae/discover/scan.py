@@ -28,6 +28,8 @@ LONGEST, COARSE, WAVES, PARTS = 4.0, 2.0, 180, 4
 MOST = 300
 # the most teeth; so many numbers of them, and of waves, are promising, waves that explain this share of the best one
 TEETH, PROMISING, ALIKE = 72, 2, 0.8
+# phase [rad] of a whole period, which a run must pass for a number of teeth to be told
+PERIOD = 2 * np.pi
 # other shapes are tried at so many values, from the least it starts from over this factor to the largest times it
 VALUES, SPAN = 24, 8.0
 # values that are followed at once, which bounds the memory; and that one function is made for
@@ -177,22 +179,38 @@ def _numbers(item: EffectParameter, option: Insertion, along: Along) -> np.ndarr
     """Return what to try within the parameter's bounds: wave numbers that the way tells apart; empty if none moves."""
     kind = option.place.kind
     if item.role == "teeth":
-        return np.arange(item.lower, TEETH + 1)
+        numbers = np.arange(item.lower, TEETH + 1)
+        return numbers[numbers * _way(option, along) >= PERIOD]
     if item.role == "shape":
         starts = item.starts_at(kind)
         return np.clip(np.geomspace(min(starts) / SPAN, max(starts) * SPAN, VALUES), *item.bounds_at(kind))
     if item.role == "instant":
         instants = np.unique(along.data[0])
         return (instants[1:] + instants[:-1]) / 2
-    position = along.of(f"{option.prefix}.{option.card.along[kind]}")
-    layout = along.problem.layout
-    begins = [first * layout.length for first in layout.first]
-    way = max(float(np.ptp(part)) for part in np.split(position, begins[1:]))
+    way = _way(option, along)
     low, high = item.bounds_at(kind)
-    if not (np.isfinite(way) and way > 0):
+    if not way > 0:
         return np.zeros(0)
     found = (LONGEST + COARSE * np.arange(WAVES)) / way
     return found[(found >= low) & (found <= high)]
+
+
+def _way(option: Insertion, along: Along) -> float:
+    """Return from where to where the run that goes farthest goes along what an effect repeats; 0 if that is lost."""
+    position = along.of(f"{option.prefix}.{option.card.along[option.place.kind]}")
+    layout = along.problem.layout
+    begins = [first * layout.length for first in layout.first]
+    way = max(float(np.ptp(part)) for part in np.split(position, begins[1:]))
+    return way if np.isfinite(way) else 0.0
+
+
+def is_passed(option: Insertion, along: Along) -> bool:
+    """Return whether a run passes a whole period of an effect that has whole numbers of them a turn, if it is one.
+
+    Of less than one period a part is seen, which passes for any law that is as curved there.
+    """
+    names = [(item.names[option.place.kind], item.lower) for item in option.card.parameters if item.role == "teeth"]
+    return all(option.values.get(name, fewest) * _way(option, along) >= PERIOD for name, fewest in names)
 
 
 @dataclass(frozen=True)

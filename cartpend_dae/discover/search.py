@@ -1,6 +1,5 @@
 """Stage 4: add what the data ask for, one effect after the other, and take back what they no longer need."""
 
-import contextlib
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,7 +14,7 @@ from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.mirror import mirrored
 from cartpend_dae.discover.promising import may_be_two
 from cartpend_dae.discover.rattle import RattlingError, is_all_that_tells, least_that_tells
-from cartpend_dae.discover.records import Candidate, Regime, Search, Step, Verdict
+from cartpend_dae.discover.records import Candidate, Regime, Search, Step
 from cartpend_dae.discover.regime import best_bandwidth, sampling_rate
 from cartpend_dae.discover.revise import each_matters, plain, prune, settled, swap
 from cartpend_dae.discover.screen import candidates, is_other_law, screen
@@ -30,6 +29,7 @@ from cartpend_dae.discover.shape import (
 )
 from cartpend_dae.discover.state import Base, Rules, push_left
 from cartpend_dae.discover.trial import lead_needed, try_all, try_in_noise, weighed_trials
+from cartpend_dae.discover.verdict import compared, is_told_freely, pushes_remain, verdict
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Place
 from cartpend_dae.errors import SolverError
@@ -41,8 +41,6 @@ MOVED = ("disturbances", "forces")
 RICH = 4
 # standard deviations, from block to block, by which one model must explain the runs better to stand against another
 CLEARLY = 3.0
-# share of the random forces of the model before that is not small
-MUCH = 0.5
 
 
 def search(
@@ -97,10 +95,11 @@ def search(
     except KeyboardInterrupt:
         log.is_interrupted, base = True, log.base or start
     last_gate = residuals(base.fit)
-    is_left = last_gate.is_passed or _pushes_remain(start, base)
+    is_left = last_gate.is_passed or pushes_remain(start, base)
     bench = bench.on(rules.weighing)
     if rules.regime == "forces":
-        start, base = _compared(bench, bare, start, base, rules)
+        start, base = compared(bench, bare, start, base, rules)
+        is_left = is_left or not is_told_freely(bench, start, base)
     return Search(
         rules.regime,
         log.judged,
@@ -111,7 +110,7 @@ def search(
         last_gate,
         tuple(log.steps),
         tuple(log.tried.values()),
-        _verdict(bool(log.steps), is_left),
+        verdict(bool(log.steps), is_left),
         log.is_interrupted,
     )
 
@@ -198,20 +197,6 @@ def _explains_less(bench: Workbench, base: Base, first: Candidate, noise: Rules)
     except SolverError:
         return True
     return lead(alone, found) > CLEARLY
-
-
-def _compared(bench: Workbench, bare: Base, start: Base, base: Base, rules: Rules) -> tuple[Base, Base]:
-    """Return the models before and after with fits that can be compared: of the free simulation, where that is better.
-
-    Where it is not, both have the output injection that suits the last.
-    """
-    if base.taken:
-        with contextlib.suppress(SolverError):
-            free = bench.fit(base.taken, base.fit.point, (bench.last,), rules.sd, patient=False)
-            if free.chi2 < bare.fit.chi2:
-                return bare, replace(base, fits={**base.fits, bench.last: free})
-    bandwidth = float(base.fit.bandwidth[0])
-    return Base((), {bandwidth: bench.fit((), start.fit.point, (bandwidth,), rules.sd)}), base
 
 
 def _disturbed(bench: Workbench, noise: Rules, base: Base, log: _Log, library: Library) -> tuple[Rules, Base]:
@@ -346,8 +331,8 @@ def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _L
     if rules.regime == "forces":
         ranked = beyond_shape(ranked, log.steps)
     log.tried |= {candidate.insertion.prefix: candidate for candidate in ranked}
-    is_noise = rules.regime == "noise" and n_more > 1 and may_be_two(base, rules, stage, bench.last)
-    both = couple(bench, base, rules, options, ranked, stage) if is_noise else None
+    may_couple = rules.regime == "noise" and n_more > 1 and may_be_two(base, rules, stage, bench.last)
+    both = couple(bench, base, rules, options, ranked, stage) if may_couple else None
     if both is not None:
         log.base, log.steps = swap(bench, both[0], [*log.steps, *both[1]], rules, library, whole=True)
         return log.base
@@ -378,17 +363,3 @@ def _reported(bench: Workbench, base: Base, rules: Rules) -> Fit:
     except SolverError:  # joined end to end its pieces diverge
         return mirrored(base.fit)
     return mirrored(with_robust_sd(base.fit, linear))
-
-
-def _pushes_remain(before: Base, after: Base) -> bool:
-    """Return whether the random forces found are still at least half of those without any additions.
-
-    Innovations are white where a random force stands for what is missing; its size tells.
-    """
-    return before.weighed is not None and push_left(before, after) > MUCH
-
-
-def _verdict(has_steps: bool, is_left: bool) -> Verdict:
-    if not has_steps:
-        return "unexplained"
-    return "improved" if is_left else "explained"

@@ -7,7 +7,7 @@ import numpy as np
 from cartpend_dae.discover.attempts import each
 from cartpend_dae.discover.choice import SHAPELESS, ordered_by_bic, rounded_first, second
 from cartpend_dae.discover.disturbed import is_composite, judge, margin_of, ordered, penalty
-from cartpend_dae.discover.evidence import bic, coloured_bic
+from cartpend_dae.discover.evidence import bic, cancelled, coloured_bic
 from cartpend_dae.discover.gate import is_clean, is_noise_alone
 from cartpend_dae.discover.nested import holds, own, restarted, simplified
 from cartpend_dae.discover.predicted import trials
@@ -367,6 +367,7 @@ def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> 
     if not why and is_shape_error(base, fit):
         why = f"{SHAPELESS}, and leaves more than noise"
     why = why or bench.contradiction(candidate.insertion, fit.values)
+    why = why or cancelled(fit, candidate.insertion, base.taken)
     if not why and _is_absent(fit, candidate.insertion):
         why = "its parameter ends on its bound, where it has no effect"
     return replace(candidate, parameters=parameters, gain=gain, t=t, fit=fit, why_not=why)

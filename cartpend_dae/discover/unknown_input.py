@@ -93,27 +93,19 @@ def whitened(chain: Chain, rows: np.ndarray, sizes: np.ndarray, times: np.ndarra
     n, n_y, m = rows.shape
     n_x, n_d, n_sets = chain.transition.shape[1], chain.pushes.shape[2], len(sizes)
     whole, inner = n_x + n_d, np.arange(n_x, n_x + n_d)
-    seen = np.zeros((n, n_y, whole))
-    seen[:, :, :n_x] = chain.error * chain.measured[:, :, None]
-    step, known = np.zeros((n, whole, whole)), np.zeros((n, whole, m))
-    step[:, :n_x, :n_x] = chain.transition - chain.noise @ seen[:, :, :n_x]
-    step[:, :n_x, n_x:] = chain.pushes
-    known[:, :n_x] = chain.noise @ rows
-    # samples of the runs side by side, (longest, n_runs); a run that has ended goes on with its last one, unseen
-    ends = np.array([*chain.first[1:], n])
-    samples = np.arange(max(ends - chain.first))[:, None] + np.array(chain.first)
-    is_on = samples < ends
-    samples = np.minimum(samples, ends - 1)
+    seen, step, known = _with_forces(chain, rows)
+    samples, is_on = _side_by_side(chain)
     keep = np.exp(-chain.width[samples][:, None, :, None] / times[:, None])
     pushed = sizes[:, None] ** 2 * (1 - keep**2)
     out = np.empty((n_sets, n, n_y, m))
     gains, scales = np.empty((n, n_sets, n_x, n_y)), np.empty((n, n_sets, n_y))
-    variance = np.zeros((n_sets, ends.size, whole, whole))
+    n_runs = samples.shape[1]
+    variance = np.zeros((n_sets, n_runs, whole, whole))
     variance[:, :, inner, inner] = sizes[:, None] ** 2
-    state, eye = np.zeros((n_sets, ends.size, whole, m)), np.eye(n_y)
+    state, eye = np.zeros((n_sets, n_runs, whole, m)), np.eye(n_y)
     # the covariance of what is seen, then what is divided by its root: new rows, covariance with the states, and 1
-    table = np.zeros((n_sets, ends.size, n_y, n_y + m + whole + n_y))
-    moves = np.zeros((n_sets, ends.size, whole, whole))
+    table = np.zeros((n_sets, n_runs, n_y, n_y + m + whole + n_y))
+    moves = np.zeros((n_sets, n_runs, whole, whole))
     new, across, ones = (slice(n_y, n_y + m), slice(n_y + m, n_y + m + whole), slice(n_y + m + whole, None))
     for k, now in enumerate(samples):
         c = seen[now]
@@ -134,6 +126,32 @@ def whitened(chain: Chain, rows: np.ndarray, sizes: np.ndarray, times: np.ndarra
         variance[:, :, inner, inner] += pushed[k]
         variance = (variance + variance.swapaxes(2, 3)) / 2
     return White(out, 2 * np.log(scales).sum(axis=(0, 2)), np.median(gains, axis=0))
+
+
+def _with_forces(chain: Chain, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return how states with the forces beside them are seen, the matrices of their step, and what is known of it.
+
+    Shapes are (n, n_y, n_x + n_d), (n, n_x + n_d, n_x + n_d) and (n, n_x + n_d, m).
+    """
+    n, n_y, m = rows.shape
+    n_x, whole = chain.transition.shape[1], chain.transition.shape[1] + chain.pushes.shape[2]
+    seen = np.zeros((n, n_y, whole))
+    seen[:, :, :n_x] = chain.error * chain.measured[:, :, None]
+    step, known = np.zeros((n, whole, whole)), np.zeros((n, whole, m))
+    step[:, :n_x, :n_x] = chain.transition - chain.noise @ seen[:, :, :n_x]
+    step[:, :n_x, n_x:] = chain.pushes
+    known[:, :n_x] = chain.noise @ rows
+    return seen, step, known
+
+
+def _side_by_side(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+    """Return the samples of all runs side by side (longest, n_runs), and whether each is one.
+
+    A run that has ended goes on with its last one.
+    """
+    ends = np.array([*chain.first[1:], len(chain.width)])
+    samples = np.arange(max(ends - chain.first))[:, None] + np.array(chain.first)
+    return np.minimum(samples, ends - 1), samples < ends
 
 
 def _divided(table: np.ndarray) -> np.ndarray:
