@@ -13,7 +13,7 @@ import numpy as np
 
 from cartpend_dae.compiled import compiled
 from cartpend_dae.stepping import Step, runge_kutta
-from cartpend_dae.transcribe import Layout, parameter_function, seen, weighed
+from cartpend_dae.transcribe import Layout, parameter_function, seen, sized_parameters, weighed
 
 # a part of a step takes 2 ns for each of its operations as CasADi evaluates it and 0.2 ns as machine code, which takes
 # the compiler 0.25 ms for each: after so many parts it would have paid (measured on 30 models of the driven cart)
@@ -29,7 +29,8 @@ class Passes:
     ``value(packed, data)`` and ``slope(packed, data)`` fold a segment: packed are theta and w, the state, and the
     cost, or the sensitivities (n_state, n_state + n_slots), the Gram matrix and the gradient of the residuals.
     ``series(packed, data) -> (packed, residuals, states)`` and ``rows(packed, data) -> (packed, residuals and their
-    sensitivities)`` give a column for each sample.
+    sensitivities)`` give a column for each sample. Inside, the sizes of theta stand before it: no number that comes
+    from the data is in the code, so that what was compiled once serves any data.
     """
 
     layout: Layout
@@ -42,18 +43,19 @@ class Passes:
     def evaluated(self, name: str, packed: np.ndarray, data: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return what a pass gives for all segments, of which `packed` has a column each: compiled, if that pays."""
         m = packed.shape[1]
+        sizes = self.layout.sizes
         function = self._quickest(name, m)
         if m > 1:
             before = self._mapped.get((name, m))
             if before is None or before[0] is not function:
                 before = self._mapped[name, m] = function, function.map(m)
             function = before[1]
-        found = function.call([packed, data])
-        return tuple(np.asarray(part) for part in found)
+        first, *others = function.call([np.vstack([np.tile(sizes[:, None], m), packed]), data])
+        return np.asarray(first)[sizes.size :], *(np.asarray(part) for part in others)
 
     def _quickest(self, name: str, n_segments: int) -> ca.Function:
         """Return a pass as machine code, which gives the same to the last bit, where that is worth its compilation."""
-        function: ca.Function = getattr(self, name)
+        function: ca.Function = getattr(self, f"_{name}")
         if name in self._machine_code:
             return self._machine_code[name]
         before = self._parts.get(name, 0)
@@ -80,22 +82,39 @@ class Passes:
     def _sample(self) -> "_Sample":
         layout = self.layout
         n_y = len(layout.outputs)
-        theta, w = ca.SX.sym("theta", len(layout.slots)), ca.SX.sym("w", n_y)
+        theta, sizes = (ca.SX.sym(name, len(layout.slots)) for name in ("theta", "sizes"))
+        w = ca.SX.sym("w", n_y)
         x, data = ca.SX.sym("x", layout.n_state), ca.SX.sym("data", 2 + 2 * layout.system.u.numel() + 2 * n_y)
-        now, error = seen(layout, self.step, self.parameters(theta), w, x, data)
+        p = sized_parameters(layout, theta, sizes)
+        now, error = seen(layout, self.step, p, w, x, data)
         n_p = theta.numel()
         seeds = ca.SX.sym("seeds", layout.n_state, layout.n_state + n_p)
-        return _Sample(theta, w, x, data, seeds, now, error)
+        return _Sample(theta, sizes, w, x, data, p, seeds, now, error)
 
     @cached_property
     def value(self) -> ca.Function:
+        """The cost of a segment, for a programme."""
+        return self._with_sizes("value", self._value)
+
+    @cached_property
+    def slope(self) -> ca.Function:
+        """The cost of a segment to second order, for a programme."""
+        return self._with_sizes("slope", self._slope)
+
+    def _with_sizes(self, name: str, function: ca.Function) -> ca.Function:
+        sizes, n = self.layout.sizes, function.size1_in(0)
+        packed, data = ca.MX.sym("packed", n - sizes.size), ca.MX.sym("data", *function.size_in(1))
+        return ca.Function(name, [packed, data], [function(ca.vertcat(sizes, packed), data)[sizes.size :]])
+
+    @cached_property
+    def _value(self) -> ca.Function:
         """The cost of a segment."""
         s, cost = self._sample, ca.SX.sym("cost")
         loss, _, _ = weighed(s.error, self.layout.huber)
         return self._between("value", [cost], [cost + loss], has_seeds=False).fold(self.layout.length)
 
     @cached_property
-    def slope(self) -> ca.Function:
+    def _slope(self) -> ca.Function:
         """The cost of a segment to second order."""
         s = self._sample
         size = s.seeds.size2()
@@ -106,13 +125,13 @@ class Passes:
         return self._between("slope", [ca.vec(gram), gradient], after).fold(self.layout.length)
 
     @cached_property
-    def series(self) -> ca.Function:
+    def _series(self) -> ca.Function:
         """Residuals and states of a segment."""
         s = self._sample
         return self._between("series", shown=[s.error, s.x], has_seeds=False).mapaccum(self.layout.length)
 
     @cached_property
-    def rows(self) -> ca.Function:
+    def _rows(self) -> ca.Function:
         """Residuals of a segment and their sensitivities."""
         s = self._sample
         shown = [ca.vertcat(s.error, ca.vec(s.error_slope))]
@@ -129,32 +148,35 @@ class Passes:
     ) -> ca.Function:
         """Return (packed, data) -> (packed at the next sample, what is shown of this one).
 
-        Packed are theta and w, the state, the seeds if it has any, and what is gathered, `before` and `after` a sample.
+        Packed are sizes, theta and w, the state, the seeds if it has any, and what is gathered, `before` and `after` a
+        sample.
         """
         s, gathered = self._sample, before or []
         seeds, seeds_now = (s.seeds, s.seeds_now) if has_seeds else (ca.SX(0, 0), ca.SX(0, 0))
-        parts = [s.theta, s.w, s.x, ca.vec(seeds), *gathered]
+        parts = [s.sizes, s.theta, s.w, s.x, ca.vec(seeds), *gathered]
         results = [s.now, ca.vec(seeds_now), *(after or []), *(shown or [])]
         head = ca.Function(f"{name}_at", [*parts, s.data], results, {"cse": True})
         loop, n_drive = self._loop(has_seeds)
         packed, data = ca.MX.sym("packed", sum(part.numel() for part in parts)), ca.MX.sym("data", s.data.numel())
-        theta, w, x, columns, *rest = ca.vertsplit(packed, np.cumsum([0, *(part.numel() for part in parts)]).tolist())
-        now, columns, *found = head(theta, w, x, columns, *rest, data)
-        moved = loop(ca.vertcat(theta, data[:n_drive], 0, now, columns))[theta.numel() + n_drive + 1 :]
+        split = np.cumsum([0, *(part.numel() for part in parts)]).tolist()
+        sizes, theta, w, x, columns, *rest = ca.vertsplit(packed, split)
+        now, columns, *found = head(sizes, theta, w, x, columns, *rest, data)
+        begin = ca.vertcat(sizes, theta, data[:n_drive], 0)
+        moved = loop(ca.vertcat(begin, now, columns))[begin.numel() :]
         n = len(gathered)
-        return ca.Function(name, [packed, data], [ca.vertcat(theta, w, moved, *found[:n]), *found[n:]])
+        return ca.Function(name, [packed, data], [ca.vertcat(sizes, theta, w, moved, *found[:n]), *found[n:]])
 
     def _loop(self, has_seeds: bool) -> tuple[ca.Function, int]:
         """Return the parts of a step, each of which goes on from what the one before leaves; and what drives them.
 
-        What goes on is theta, time, width and inputs, the number of the part, the state, and the seeds.
+        What goes on is sizes, theta, time, width and inputs, the number of the part, the state, and the seeds.
         """
         s, n_drive = self._sample, 2 + 2 * self.layout.system.u.numel()
         drive, k = ca.SX.sym("drive", n_drive), ca.SX.sym("k")
         time, width, inputs = ca.vertsplit(drive, [0, 1, 2, n_drive])
         u_a, u_b = ca.vertsplit(inputs, inputs.numel() // 2) if inputs.numel() else (inputs, inputs)
-        x_next = self.step.part(k, time, width, s.x, u_a, u_b, self.parameters(s.theta))
-        before, after = [s.theta, drive, k, s.x], [s.theta, drive, k + 1, x_next]
+        x_next = self.step.part(k, time, width, s.x, u_a, u_b, s.p)
+        before, after = [s.sizes, s.theta, drive, k, s.x], [s.sizes, s.theta, drive, k + 1, x_next]
         if has_seeds:
             before.append(ca.vec(s.seeds))
             after.append(ca.vec(s.pushed(x_next)))
@@ -167,9 +189,11 @@ class _Sample:
     """One sample as expressions: what goes in, the state as it corrects it, and its weighted residual."""
 
     theta: ca.SX
+    sizes: ca.SX
     w: ca.SX
     x: ca.SX
     data: ca.SX
+    p: ca.SX
     seeds: ca.SX
     now: ca.SX
     error: ca.SX

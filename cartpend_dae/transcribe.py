@@ -15,7 +15,7 @@ IFAC Proc. 17 (1984), 1603-1608, doi:10.1016/S1474-6670(17)61205-9.
 E. Brookner, "Tracking and Kalman Filtering Made Easy" (1998), section 1.2.6 (critically damped g-h filter).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -94,6 +94,11 @@ class Layout:
         return np.searchsorted(np.array(self.first), np.arange(self.n_segments), side="right") - 1
 
     @property
+    def sizes(self) -> np.ndarray:
+        """The size by which each slot is scaled, SI, shape (n_slots,)."""
+        return np.array([self.free[slot.owners[0]].scale for slot in self.slots])
+
+    @property
     def owners(self) -> np.ndarray:
         """Which of `free` each slot is in each run, shape (n_runs, n_slots)."""
         return np.array([slot.owners for slot in self.slots], dtype=int).reshape(len(self.slots), len(self.first)).T
@@ -163,15 +168,23 @@ def weighed(error: ca.SX, huber: float) -> tuple[ca.SX, ca.SX, ca.SX]:
 
 def parameter_function(layout: Layout) -> ca.Function:
     """Return theta -> all parameters of the system, ties included."""
-    system, theta = layout.system, ca.SX.sym("theta", len(layout.slots))
+    theta = ca.SX.sym("theta", len(layout.slots))
+    p = sized_parameters(layout, theta, ca.SX(layout.sizes))
+    return ca.Function("parameters", [theta], [p], ["theta"], ["p"])
+
+
+def sized_parameters(layout: Layout, theta: ca.SX, sizes: ca.SX) -> ca.SX:
+    """Return all parameters of the system, ties included, from those of each slot, scaled, and their sizes."""
+    system = layout.system
     p = ca.SX(ca.DM(system.parameter_values))
     for position, slot in enumerate(layout.slots):
-        p[system.parameter_index(slot.parameter)] = layout.free[slot.owners[0]].value(theta[position])
+        plain = replace(layout.free[slot.owners[0]], scale=1.0)
+        p[system.parameter_index(slot.parameter)] = plain.value(theta[position]) * sizes[position]
     if layout.ties:
         tied = ca.substitute([tie.value for tie in layout.ties], [system.p], [p])
         for tie, value in zip(layout.ties, tied, strict=True):
             p[tie.index] = value
-    return ca.Function("parameters", [theta], [p], ["theta"], ["p"])
+    return p
 
 
 def sample_step(layout: Layout, theta: ca.SX, w: ca.SX, x: ca.SX, data: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -128,6 +128,23 @@ def test_what_was_compiled_before_is_found_again_at_once(work, monkeypatch):
     assert "slope" not in again._machine_code  # it was never compiled, and has not been used enough
 
 
+@needs_compiler
+@pytest.mark.parametrize("name", ["value", "slope", "series", "rows"])
+def test_what_was_compiled_serves_other_sizes_too(work, monkeypatch, name):
+    """Sizes come from the data: with them in the code nothing was found again for another run of the same rig."""
+    problem, _, nodes, w, data = work
+    monkeypatch.setattr(module, "WORTH", 0)
+    other = replace(problem, free=tuple(replace(item, scale=3.7 * item.scale) for item in problem.free))
+    found = []
+    for one in (problem, other):
+        values = scaled_values(one, {})
+        result = Passes(one.layout).evaluated(name, packed_for(one, values, nodes, w, name), data)
+        found.append(result[0][len(values) :] if name == "value" else None)
+    assert len(cached_libraries()) == 1
+    if name == "value":
+        np.testing.assert_allclose(found[0], found[1], rtol=1e-9)
+
+
 def test_without_a_compiler_all_goes_on_as_before(work, monkeypatch):
     problem = work[0]
     plain = estimate(problem, bandwidth=3.0)
