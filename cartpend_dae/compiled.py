@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -23,6 +24,7 @@ import casadi as ca
 
 logger = logging.getLogger(__name__)
 
+USED = ".used"
 SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 # with its inner functions hidden the library may inline them, and an integrator takes an eighth less time; the macro is
 # CasADi's word for a compiler that knows of hiding
@@ -40,7 +42,6 @@ def compiled(
     *,
     optimisation: Literal[0, 1, 2, 3] | None = None,
     derivatives: bool = False,
-    only_cached: bool = False,
 ) -> ca.Function:
     """Return the same function as machine code, from the cache on disk if it was compiled before.
 
@@ -54,8 +55,6 @@ def compiled(
     derivatives
         True adds the forward derivative, for Jacobians and sensitivities; a compiled function has none otherwise.
         The adjoint of an integrator with adaptive steps is that of the uncompiled function.
-    only_cached
-        True compiles nothing: it is as machine code if it was compiled before.
 
     Returns
     -------
@@ -70,13 +69,51 @@ def compiled(
     try:
         source = _source(function, derivatives)
         level = optimisation if optimisation is not None else _level(source)
-        full = [*command, f"-O{level}", *FLAGS]
-        if only_cached and next(_whole(_key(source, full)), None) is None:
-            return function
-        return _loaded(function.name(), source, full)
+        return _loaded(function.name(), source, [*command, f"-O{level}", *FLAGS])
     except (RuntimeError, OSError, subprocess.SubprocessError) as error:
         _log_failure(function.name(), error)
         return function
+
+
+@dataclass(frozen=True, slots=True)
+class Use:
+    """How much a function was used before by all that share the cache, kept there in a file of its own."""
+
+    path: Path
+
+    def so_far(self) -> int:
+        """Return what was noted last; 0 if nothing was."""
+        try:
+            return int(self.path.read_text(encoding="ascii"))
+        except (OSError, ValueError):
+            return 0
+
+    def note(self, number: int) -> None:
+        """Keep how much it was used in all; of processes that do so at once the last is believed."""
+        with contextlib.suppress(OSError):
+            self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile("w", dir=self.path.parent, prefix="making-", delete=False) as file:
+                file.write(str(number))
+            os.replace(file.name, self.path)
+
+
+def compiled_before(function: ca.Function) -> tuple[ca.Function | None, Use | None]:
+    """Return a function as machine code if it was compiled before, else how much it was used; `compiled` would make it.
+
+    Neither is there without a compiler, or where CasADi writes no C.
+    """
+    command = compiler_command()
+    if command is None:
+        return None, None
+    try:
+        source = _source(function, derivatives=False)
+        full = [*command, f"-O{_level(source)}", *FLAGS]
+        key = _key(source, full)
+        is_there = next(_whole(key), None) is not None
+        return _loaded(function.name(), source, full) if is_there else None, Use(cache_folder() / f"{key}{USED}")
+    except (RuntimeError, OSError, subprocess.SubprocessError) as error:
+        _log_failure(function.name(), error)
+        return None, None
 
 
 def compiled_library(source: Callable[[], str], name: str) -> Path | None:
@@ -116,12 +153,15 @@ def cached_libraries() -> tuple[Path, ...]:
 
 
 def clear_cache() -> int:
-    """Delete the compiled functions in the cache, with what interrupted compilations left; return their number."""
+    """Delete the compiled functions in the cache, with all that is there besides; return their number."""
     found = cached_libraries()
     for path in found:
         path.unlink(missing_ok=True)
-    for path in cache_folder().glob("making-*"):
-        shutil.rmtree(path, ignore_errors=True)
+    for path in (*cache_folder().glob("making-*"), *cache_folder().glob(f"*{USED}")):
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
     return len(found)
 
 

@@ -11,15 +11,17 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from cartpend_dae.compiled import compiled
+from cartpend_dae.compiled import Use, compiled, compiled_before
 from cartpend_dae.stepping import Step, runge_kutta
 from cartpend_dae.transcribe import Layout, parameter_function, seen, sized_parameters, weighed
 
 # a part of a step takes 2 ns for each of its operations as CasADi evaluates it and 0.2 ns as machine code, which takes
-# the compiler 0.25 ms for each: after so many parts it would have paid (measured on 30 models of the driven cart)
+# the compiler 0.25 ms for each: after so many parts, those of earlier processes included, it would have paid (measured
+# on 30 models of the driven cart)
 WORTH = 150_000
-# from so many parts on it is worth to ask whether it was compiled before
-ASKED = 5_000
+# from so many parts on it is worth to ask whether it was compiled before; how many there were is kept when there are so
+# many times those kept last
+ASKED, AGAIN = 1_000, 2
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,8 @@ class Passes:
 
     layout: Layout
     _parts: dict[str, int] = field(default_factory=dict, repr=False, compare=False)
+    _uses: dict[str, Use | None] = field(default_factory=dict, repr=False, compare=False)
+    _noted: dict[str, int] = field(default_factory=dict, repr=False, compare=False)
     _machine_code: dict[str, ca.Function] = field(default_factory=dict, repr=False, compare=False)
     _mapped: dict[tuple[str, int], tuple[ca.Function, ca.Function]] = field(
         default_factory=dict, repr=False, compare=False
@@ -54,18 +58,29 @@ class Passes:
         return np.asarray(first)[sizes.size :], *(np.asarray(part) for part in others)
 
     def _quickest(self, name: str, n_segments: int) -> ca.Function:
-        """Return a pass as machine code, which gives the same to the last bit, where that is worth its compilation."""
+        """Return a pass as machine code, which gives the same to the last bit, where that is worth its compilation.
+
+        What it was used by earlier processes counts, so that what is used again and again is compiled, too.
+        """
         function: ca.Function = getattr(self, f"_{name}")
         if name in self._machine_code:
             return self._machine_code[name]
         before = self._parts.get(name, 0)
-        now = self._parts[name] = before + n_segments * self.layout.length * self.layout.substeps
+        now = before + n_segments * self.layout.length * self.layout.substeps
+        if before <= ASKED < now:
+            found, self._uses[name] = compiled_before(function)
+            if found is not None:
+                self._machine_code[name] = found
+                return found
+        use = self._uses.get(name)
+        if use is not None:
+            now += use.so_far() if before <= ASKED else 0
+            if now >= AGAIN * self._noted.get(name, 0):
+                use.note(now)
+                self._noted[name] = now
+        self._parts[name] = now
         if now > WORTH:
             self._machine_code[name] = compiled(function)
-        elif before <= ASKED < now:
-            found = compiled(function, only_cached=True)
-            if found is not function:
-                self._machine_code[name] = found
         return self._machine_code.get(name, function)
 
     @cached_property

@@ -10,7 +10,7 @@ import pytest
 
 from cartpend_dae import assemble
 from cartpend_dae import passes as module
-from cartpend_dae.compiled import cached_libraries
+from cartpend_dae.compiled import cache_folder, cached_libraries, clear_cache
 from cartpend_dae.identify import estimate
 from cartpend_dae.passes import Passes
 from cartpend_dae.pieces import load_experiments
@@ -126,6 +126,25 @@ def test_what_was_compiled_before_is_found_again_at_once(work, monkeypatch):
     assert "value" in again._machine_code
     again.evaluated("slope", packed_for(problem, values, nodes, w, "slope"), data)
     assert "slope" not in again._machine_code  # it was never compiled, and has not been used enough
+
+
+@needs_compiler
+def test_what_is_used_again_and_again_is_compiled_in_the_end(work, monkeypatch):
+    """A search uses most passes too little to compile them; the searches of a rig together do not."""
+    problem, values, nodes, w, data = work
+    packed, layout = packed_for(problem, values, nodes, w, "value"), problem.layout
+    parts = layout.n_segments * layout.length * layout.substeps
+    monkeypatch.setattr(module, "WORTH", int(2.5 * parts))
+    monkeypatch.setattr(module, "ASKED", 0)
+    for _ in range(2):
+        one = Passes(layout)
+        one.evaluated("value", packed, data)
+        assert "value" not in one._machine_code and not cached_libraries()
+    another = Passes(layout)
+    another.evaluated("value", packed, data)
+    assert "value" in another._machine_code and len(cached_libraries()) == 1
+    clear_cache()
+    assert not list(cache_folder().iterdir())
 
 
 @needs_compiler

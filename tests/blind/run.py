@@ -28,9 +28,9 @@ from blind.same_data import simpler_laws
 from blind.scorer import score
 from blind.writer import write
 
-# parts of a step after which a pass is compiled, far sooner than for a single search: the code serves all data sets of
-# a rig, and gives the same to the last bit
-OFTEN = 10_000
+# parts of a step, of all data sets so far, after which a pass is compiled: sooner than for a single search, as the code
+# serves all of them; it gives the same to the last bit
+OFTEN = 40_000
 # seconds after which a data set that is too late is interrupted again: IPOPT swallows an interruption
 AGAIN = 2.0
 
