@@ -521,12 +521,12 @@ def test_an_effect_that_is_there_in_full_is_not_absent(fitted):
     def ends(**values):
         at = fitted("saturation", 0.0, 100.0, DrivenCart(), "amplifier.u", **values)
         estimates = tuple(replace(e, status="at-bound") if e.name.endswith(".e") else e for e in at.fit.parameters)
-        return trials._is_absent(replace(at.fit, parameters=estimates), at.insertion)
+        return trials.is_absent(replace(at.fit, parameters=estimates), at.insertion)
 
     assert ends(e=0.0, u_max=4.0)
     assert not ends(e=1.0, u_max=4.0)  # all of the command is limited
     free = fitted("saturation", 0.0, 100.0, DrivenCart(), "amplifier.u", e=0.0, u_max=4.0)
-    assert not trials._is_absent(free.fit, free.insertion)
+    assert not trials.is_absent(free.fit, free.insertion)
 
 
 def test_a_rod_that_turns_and_moves_along_joins_no_contacts():

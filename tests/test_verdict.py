@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 from test_discovery_choice import bench, plain_fit  # noqa: F401
 
+from cartpend_dae.discover import verdict as module
 from cartpend_dae.discover.bases import noise_rules
 from cartpend_dae.discover.state import Base
 from cartpend_dae.discover.verdict import compared, is_told_freely, verdict
@@ -43,3 +44,14 @@ def test_what_leaves_most_of_the_error_of_the_free_simulation_explains_nothing(b
 def test_effects_beside_which_something_is_left_only_improve():
     assert [verdict(True, True), verdict(True, False)] == ["improved", "explained"]
     assert [verdict(False, True), verdict(False, False)] == ["unexplained", "unexplained"]
+
+
+def test_an_effect_that_the_free_simulation_leaves_at_nothing_is_out_of_the_model(bench, plain_fit, bases, monkeypatch):  # noqa: F811
+    rules, _ = bases
+    taken = tuple(insertion_at(RotaDamp(), effect, "bearing") for effect in ("coulomb_friction", "quadratic_drag"))
+    starts = {name: value for insertion in taken for name, value in insertion.starts.items()}
+    both = Base(taken, {2.0: bench.fit(taken, starts, (2.0,), rules.sd)})
+    monkeypatch.setattr(module, "is_absent", lambda fit, insertion: insertion is taken[1])
+    start, base = compared(bench, Base((), {0.0: plain_fit}), Base((), {2.0: both.fit}), both, rules)
+    assert start.fit is plain_fit and base.taken == taken[:1]
+    assert not any("quadratic_drag" in name for name in base.fit.values)

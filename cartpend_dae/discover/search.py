@@ -100,6 +100,7 @@ def search(
     if rules.regime == "forces":
         start, base = compared(bench, bare, start, base, rules)
         is_left = is_left or not is_told_freely(bench, start, base)
+        log.steps = [step for step in log.steps if step.candidate.insertion in base.taken]
     return Search(
         rules.regime,
         log.judged,

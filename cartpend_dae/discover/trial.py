@@ -368,23 +368,23 @@ def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> 
         why = f"{SHAPELESS}, and leaves more than noise"
     why = why or bench.contradiction(candidate.insertion, fit.values)
     why = why or cancelled(fit, candidate.insertion, base.taken)
-    if not why and _is_absent(fit, candidate.insertion):
+    if not why and is_absent(fit, candidate.insertion):
         why = "its parameter ends on its bound, where it has no effect"
     return replace(candidate, parameters=parameters, gain=gain, t=t, fit=fit, why_not=why)
 
 
-def _is_absent(fit: Fit, insertion: Insertion) -> bool:
+def is_absent(fit: Fit, insertion: Insertion) -> bool:
     """Return whether all sizes of an effect end on bounds that are not the other end of how much of it there can be."""
     kind = insertion.place.kind
     bounds = {f"{insertion.prefix}.{item.names[kind]}": item.bounds_at(kind) for item in insertion.parameters}
     sizes = [e for e in fit.parameters if e.name in insertion.size_names]
 
-    def is_absent(e: Estimate) -> bool:
+    def is_nothing(e: Estimate) -> bool:
         low, high = bounds[e.name]
         is_full = low == 0 and np.isfinite(high) and e.value > high / 2
         return e.status == "at-bound" and not is_full
 
-    return bool(sizes) and all(map(is_absent, sizes))
+    return bool(sizes) and all(map(is_nothing, sizes))
 
 
 def _white_t(fit: Fit, insertion: Insertion) -> float:

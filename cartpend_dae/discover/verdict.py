@@ -5,8 +5,11 @@ from dataclasses import replace
 
 from cartpend_dae.discover.records import Verdict
 from cartpend_dae.discover.state import Base, Rules, push_left
+from cartpend_dae.discover.trial import is_absent
 from cartpend_dae.discover.workbench import Workbench
+from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError
+from cartpend_dae.identify import Fit
 
 # share of the random forces of the model before, or of its error, that is not small
 MUCH = 0.5
@@ -39,12 +42,20 @@ def is_told_freely(bench: Workbench, before: Base, after: Base) -> bool:
 def compared(bench: Workbench, bare: Base, start: Base, base: Base, rules: Rules) -> tuple[Base, Base]:
     """Return the models before and after with fits that can be compared: of the free simulation, where that is better.
 
-    Where it is not, both have the output injection that suits the last.
+    Effects that it leaves at nothing are out of the model then. Where it is not better, both have the output injection
+    that suits the last.
     """
     if base.taken:
         with contextlib.suppress(SolverError):
-            free = bench.fit(base.taken, base.fit.point, (bench.last,), rules.sd, patient=False)
-            if free.chi2 < bare.fit.chi2:
-                return bare, replace(base, fits={**base.fits, bench.last: free})
+            free, taken = _freely(bench, base, base.taken, rules), base.taken
+            felt = tuple(insertion for insertion in taken if not is_absent(free, insertion))
+            if felt and felt != taken:
+                free, taken = _freely(bench, base, felt, rules), felt
+            if felt and free.chi2 < bare.fit.chi2:
+                return bare, replace(base, taken=taken, fits={**base.fits, bench.last: free})
     bandwidth = float(base.fit.bandwidth[0])
     return Base((), {bandwidth: bench.fit((), start.fit.point, (bandwidth,), rules.sd)}), base
+
+
+def _freely(bench: Workbench, base: Base, taken: tuple[Insertion, ...], rules: Rules) -> Fit:
+    return bench.fit(taken, base.fit.point, (bench.last,), rules.sd, patient=False)
