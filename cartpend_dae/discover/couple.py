@@ -19,7 +19,7 @@ from cartpend_dae.discover.promising import EARLY, Couple, beside, promising
 from cartpend_dae.discover.rattle import is_all_that_tells
 from cartpend_dae.discover.records import Candidate, Step
 from cartpend_dae.discover.screen import is_other_law
-from cartpend_dae.discover.shape import is_far_from_noise, is_left_to_shape, is_shape_error
+from cartpend_dae.discover.shape import is_far_from_noise, is_left_to_shape, is_shape_error, leaves_little
 from cartpend_dae.discover.shortlist import chosen
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import MIN_BIC_GAIN, left_early
@@ -101,6 +101,8 @@ def _whole(
     close = [c for c in few[:1] if c.fit is not None and c.fit.chi2 < LOOSE * c.fit.n_residuals]
     last = _fitted(bench, base, rules, few, (bench.last,), None)
     few = [c for c in last if c.fit is not None and is_noise_alone(c.fit)]
+    # what leaves hardly anything, though far more than noise, may lack the peak of a friction
+    close = close or [c for c in last[:1] if c.fit is not None and leaves_little(base.bare, c.fit)]
     if close and not few:
         more = [c for c in next_richer(close[0], ranked) if c.n_parameters <= most]
         rich = _fitted(bench, base, rules, more, (least,), (LATER, ROUGH))[:LAST]

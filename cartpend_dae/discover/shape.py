@@ -49,7 +49,12 @@ def is_left_to_shape(bare: float, fit: Fit) -> bool:
 
     `bare` is chi2 of the model without additions.
     """
-    return fit.chi2 < TOUCH * (bare - fit.chi2) and fit.chi2 < FAR * fit.n_residuals
+    return leaves_little(bare, fit) and fit.chi2 < FAR * fit.n_residuals
+
+
+def leaves_little(bare: float, fit: Fit) -> bool:
+    """Return whether a fit leaves less than its laws may be wrong by, be it far more than noise."""
+    return fit.chi2 < TOUCH * (bare - fit.chi2)
 
 
 def is_plainer_left_to_shape(winner: Candidate, tried: Mapping[str, Candidate], bare: float) -> bool:
@@ -68,7 +73,7 @@ def is_plainer_left_to_shape(winner: Candidate, tried: Mapping[str, Candidate], 
     """
     others = [c for c in tried.values() if c.insertion.prefix != winner.insertion.prefix]
     plain = [c.fit for c in others if c.fit is not None and contains(winner, c, others)]
-    return any(fit.chi2 < TOUCH * (bare - fit.chi2) for fit in plain)
+    return any(leaves_little(bare, fit) for fit in plain)
 
 
 def is_far_from_noise(before: Fit, after: Fit) -> bool:
