@@ -12,12 +12,14 @@ from cartpend_dae.data import Channel, Experiment, Start
 from cartpend_dae.discover import revise
 from cartpend_dae.discover.bases import fit_base, noise_rules
 from cartpend_dae.discover.choice import step_of
-from cartpend_dae.discover.couple import couple
+from cartpend_dae.discover.couple import _whole, couple
 from cartpend_dae.discover.evidence import bic
 from cartpend_dae.discover.gate import is_noise_alone, residuals
+from cartpend_dae.discover.promising import Couple
 from cartpend_dae.discover.records import Candidate, FreeSpec, Setup
 from cartpend_dae.discover.revise import plain, swap
 from cartpend_dae.discover.screen import candidates
+from cartpend_dae.discover.shape import is_left_to_shape, leaves_little
 from cartpend_dae.discover.shortlist import PLACES, at_few_places
 from cartpend_dae.discover.state import Base
 from cartpend_dae.discover.trial import try_in_noise
@@ -163,3 +165,32 @@ def test_what_does_several_things_at_once_is_fitted_at_its_best_places_first(wid
     few, later = at_few_places(wide)
     assert few == [*wide[: PLACES + 1], wide[-1]]
     assert [c.insertion.place.at for c in later] == ["inertial.flange_b", "rail.flange_b"]
+
+
+def test_a_couple_that_leaves_hardly_anything_gets_the_next_richer_law_of_its_contact():
+    """Coulomb friction and a spring left 60 times the noise of Stribeck friction and a spring, 0.2 % of all there was."""
+    hidden = insert(RotaDamp(), "stribeck_friction", "bearing", tau_c=0.02, tau_s=0.04, w_s=1.0)
+    hidden = insert(hidden, "linear_stiffness", "bearing", c=0.3)
+    first = {"bearing.phi": 1.2}
+    run = simulate(hidden, 6.0, points=601, start=first, parameters={"bearing.d": 0.01})
+    noisy = run["bearing.phi"] + 3e-4 * np.random.default_rng(0).standard_normal(run.time.size)
+    channels = {"bearing.phi": Channel(noisy, "zoh", 3e-4, "rad", 0.0)}
+    experiment = Experiment("run", "train", run.time, {}, channels, {"bearing.phi": Start(1.2, None)}, "free", None)
+    bench = Workbench(Setup(RotaDamp(), (FreeSpec("bearing.d"),), (experiment,), (), ()))
+    rules = noise_rules(bench, places(RotaDamp(), ("bearing.phi",), catalogue()), 0.0)
+    base = fit_base(bench, (), {}, rules)
+    base = replace(base, bare=base.fit.chi2)
+
+    def tried(effect):
+        insertion = insertion_at(RotaDamp(), effect, "bearing")
+        return Candidate(insertion, insertion.starts, 1.0, 0.0, 0.0, None, "", None, 1e9, insertion.starts)
+
+    coulomb, spring, stribeck = (tried(name) for name in ("coulomb_friction", "linear_stiffness", "stribeck_friction"))
+    begin = coulomb.parameters | spring.parameters
+    fit = bench.fit((coulomb.insertion, spring.insertion), base.fit.point | begin, rules.stages, rules.sd)
+    assert leaves_little(base.bare, fit) and not is_left_to_shape(base.bare, fit)
+    few = [Couple(coulomb, spring, 1.0, begin)]
+    made = _whole(bench, base, rules, few, [coulomb, spring, stribeck], rules.screening)
+    assert made is not None
+    assert {s.candidate.insertion.card.id for s in made[1]} == {"stribeck_friction", "linear_stiffness"}
+    assert is_noise_alone(made[0].fit)
