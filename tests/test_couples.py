@@ -168,7 +168,7 @@ def test_what_does_several_things_at_once_is_fitted_at_its_best_places_first(wid
 
 
 def test_a_couple_that_leaves_hardly_anything_gets_the_next_richer_law_of_its_contact():
-    """Coulomb friction and a spring left 60 times the noise of Stribeck friction and a spring, 0.2 % of all there was."""
+    """Coulomb friction and a spring left 60 times the noise of Stribeck friction and a spring, 0.2 % of all."""
     hidden = insert(RotaDamp(), "stribeck_friction", "bearing", tau_c=0.02, tau_s=0.04, w_s=1.0)
     hidden = insert(hidden, "linear_stiffness", "bearing", c=0.3)
     first = {"bearing.phi": 1.2}
