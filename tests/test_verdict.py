@@ -2,14 +2,17 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from test_discovery_choice import bench, plain_fit  # noqa: F401
 
 from cartpend_dae.discover import verdict as module
 from cartpend_dae.discover.bases import noise_rules
+from cartpend_dae.discover.evidence import cancelled
 from cartpend_dae.discover.state import Base
 from cartpend_dae.discover.verdict import compared, is_told_freely, verdict
 from cartpend_dae.effects import insertion_at, places
+from cartpend_dae.uncertainty import Estimate
 from models.rota_damp import RotaDamp
 
 
@@ -55,3 +58,19 @@ def test_an_effect_that_the_free_simulation_leaves_at_nothing_is_out_of_the_mode
     start, base = compared(bench, Base((), {0.0: plain_fit}), Base((), {2.0: both.fit}), both, rules)
     assert start.fit is plain_fit and base.taken == taken[:1]
     assert not any("quadratic_drag" in name for name in base.fit.values)
+
+
+@pytest.mark.parametrize(
+    ("r", "sign", "is_refused"), [(0.999, 1, True), (-0.999, -1, True), (0.999, -1, False), (0.9, 1, False)]
+)
+def test_effects_that_take_each_other_back_are_refused(plain_fit, r, sign, is_refused):  # noqa: F811
+    """A linear spring and teeth were named for a cubic spring, of which they left noise alone."""
+    spring, teeth = (insertion_at(RotaDamp(), effect, "bearing") for effect in ("linear_stiffness", "added_inertia"))
+    values = {spring.size_names[0]: 0.3, teeth.size_names[0]: sign * 0.02}
+    estimates = tuple(Estimate(name, value, 1e-3, "1", "ok") for name, value in values.items())
+    fit = replace(plain_fit, parameters=estimates, starts=(), covariance=1e-6 * np.array([[1.0, r], [r, 1.0]]))
+    for one, other in ((spring, teeth), (teeth, spring)):
+        assert bool(cancelled(fit, one, (other,))) == is_refused
+    if is_refused:
+        assert f"`{teeth.prefix}`" in cancelled(fit, spring, (teeth,))
+    assert not cancelled(fit, spring, ())
