@@ -44,6 +44,16 @@ def bench_of(name):
     return Workbench(setup, lambda *_: None), insertion_at(model, effect, at, first)
 
 
+def released(hidden, angle, sd):
+    """Return a workbench for the pendulum with a run of another one that is let go at an angle, and that run."""
+    run = simulate(hidden, 6.0, points=601, start={"bearing.phi": angle})
+    noisy = run["bearing.phi"] + sd * np.random.default_rng(0).standard_normal(run.time.size)
+    begin = {"bearing.phi": Start(angle, False), "bearing.w": Start(0.0, False)}
+    channels = {"bearing.phi": Channel(noisy, "zoh", sd, "rad", 0.0)}
+    experiment = Experiment("run", "train", run.time, {}, channels, begin, "free", None)
+    return Workbench(Setup(RotaDamp(), (FreeSpec("bearing.d"),), (experiment,), (), ()), lambda *_: None), run
+
+
 def explained(found, option):
     """Squares of the residual that the sizes of an effect explain, by a projection without products of columns."""
     columns = np.column_stack([found.sizes[name] for name in option.size_names])
@@ -110,12 +120,7 @@ def test_a_wave_number_is_found_by_the_screen():
 
 def test_the_number_of_teeth_is_found_whatever_it_is():
     model, hidden = RotaDamp(), {"tau_k_sin": 0.004, "tau_k_cos": 0.003, "n": 11.0}
-    run = simulate(insert(model, "cogging", "bearing", **hidden), 6.0, points=601, start={"bearing.phi": 1.0})
-    noisy = run["bearing.phi"] + 1e-5 * np.random.default_rng(0).standard_normal(run.time.size)
-    begin = {"bearing.phi": Start(1.0, False), "bearing.w": Start(0.0, False)}
-    channels = {"bearing.phi": Channel(noisy, "zoh", 1e-5, "rad", 0.0)}
-    experiment = Experiment("run", "train", run.time, {}, channels, begin, "free", None)
-    bench = Workbench(Setup(model, (FreeSpec("bearing.d"),), (experiment,), (), ()), lambda *_: None)
+    bench, _ = released(insert(model, "cogging", "bearing", **hidden), 1.0, 1e-5)
     option = insertion_at(model, "cogging", "bearing", {"n": 2.0})
     first, second = sweep(bench, (), (option,), {}, 20.0, bench.problem(()).prior_sd, with_shapes=True).again
     assert first.values["n"] == 11.0
@@ -133,12 +138,7 @@ def test_where_nothing_may_be_added_nothing_is_found():
 
 def test_teeth_of_which_no_run_passes_one_are_not_looked_for():
     model, hidden = RotaDamp(), {"c3": 0.04}
-    run = simulate(insert(model, "cubic_stiffness", "bearing", **hidden), 6.0, points=601, start={"bearing.phi": 1.3})
-    noisy = run["bearing.phi"] + 1e-4 * np.random.default_rng(0).standard_normal(run.time.size)
-    begin = {"bearing.phi": Start(1.3, False), "bearing.w": Start(0.0, False)}
-    channels = {"bearing.phi": Channel(noisy, "zoh", 1e-4, "rad", 0.0)}
-    experiment = Experiment("run", "train", run.time, {}, channels, begin, "free", None)
-    bench = Workbench(Setup(model, (FreeSpec("bearing.d"),), (experiment,), (), ()), lambda *_: None)
+    bench, run = released(insert(model, "cubic_stiffness", "bearing", **hidden), 1.3, 1e-4)
     option, sd = insertion_at(model, "cogging", "bearing", {"n": 2.0}), bench.problem(()).prior_sd
     found = sweep(bench, (), (option,), {}, 20.0, sd, with_shapes=True)
     assert found.partial == {option.prefix}
