@@ -1,5 +1,6 @@
 """Two plain laws where one rich law leaves noise alone too."""
 
+import importlib
 from dataclasses import replace
 
 import independent
@@ -18,7 +19,8 @@ from cartpend_dae.discover.gate import is_noise_alone, residuals
 from cartpend_dae.discover.promising import Couple
 from cartpend_dae.discover.records import Candidate, FreeSpec, Setup
 from cartpend_dae.discover.revise import plain, swap
-from cartpend_dae.discover.screen import candidates
+from cartpend_dae.discover.screen import UNSEEN, candidates
+from cartpend_dae.discover.search import _Log
 from cartpend_dae.discover.shape import is_left_to_shape, leaves_little
 from cartpend_dae.discover.shortlist import PLACES, at_few_places
 from cartpend_dae.discover.state import Base
@@ -148,6 +150,26 @@ def test_a_plainer_law_begins_far_off_where_the_richer_one_took_up_the_viscous_f
         "bearing.coulomb_friction",
         "bearing.cubic_stiffness",
     }
+
+
+def test_a_couple_gets_the_plainer_law_that_was_not_looked_at_beside_it(strong, monkeypatch):
+    bench, rules, library = strong
+    parts = ("stribeck_friction", "bearing"), ("cubic_stiffness", "bearing")
+    both = made_of(bench, rules, *parts, tau_c=0.02, tau_s=0.025, c3=0.5, d=0.05)
+    base = fit_base(bench, (), {}, rules)
+    coulomb, viscous = (insertion_at(RotaDamp(), f"{law}_friction", "bearing") for law in ("coulomb", "viscous"))
+    log = _Log(tried={i.prefix: Candidate(i, i.starts, 0.0, 0.0, 0.0, None, "") for i in (coulomb, viscous)})
+    log.tried[viscous.prefix] = replace(log.tried[viscous.prefix], why_not=UNSEEN)
+    search = importlib.import_module("cartpend_dae.discover.search")
+    monkeypatch.setattr(search, "try_in_noise", lambda *a: (rules.screening, [both[1][0].candidate]))
+    monkeypatch.setattr(search, "least_that_tells", lambda *a: None)
+    monkeypatch.setattr(search, "may_be_two", lambda *a: True)
+    monkeypatch.setattr(search, "couple", lambda *a: both)
+    after = search._grown(bench, replace(base, bare=base.fit.chi2), rules, library, log, 2)
+    named = {"bearing.coulomb_friction", "bearing.cubic_stiffness"}
+    assert {step.candidate.insertion.prefix for step in log.steps} == named
+    assert {insertion.prefix for insertion in after.taken} == named
+    assert is_noise_alone(after.fit)
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from cartpend_dae.discover.nested import as_plain, holds, shared
 from cartpend_dae.discover.promising import EARLY, Couple, beside, promising
 from cartpend_dae.discover.rattle import is_all_that_tells
 from cartpend_dae.discover.records import Candidate, Step
-from cartpend_dae.discover.screen import is_other_law
+from cartpend_dae.discover.screen import UNSEEN, is_other_law
 from cartpend_dae.discover.shape import is_far_from_noise, is_left_to_shape, is_shape_error, leaves_little
 from cartpend_dae.discover.shortlist import chosen
 from cartpend_dae.discover.state import Base, Rules
@@ -294,9 +294,9 @@ def simpler(
 
 
 def plainer(step: Step, tried: list[Candidate]) -> list[Candidate]:
-    """Return those of some candidates that the law of a step contains."""
+    """Return those of some candidates that the law of a step contains, and that the model has not anyway."""
     rich = step.candidate
-    return [c for c in tried if contains(rich, c, tried) and c.insertion.prefix != rich.insertion.prefix]
+    return [c for c in tried if _is_case(c, rich, tried) and c.why_not != UNSEEN]
 
 
 def _fitted(

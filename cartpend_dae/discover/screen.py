@@ -31,6 +31,7 @@ PROBES = (0.3, 1.0, 3.0)
 # their predictions mostly hold even where they change between two samples (in ten searches on tuning seeds the least
 # were a third of what they are alone; those of a gap are a thousandth)
 SLIGHT = 0.02
+UNSEEN = "no sensor sees it apart from what is free already"
 
 
 def candidates(cards: tuple[Card, ...], places: tuple[Place, ...], taken: tuple[Insertion, ...]) -> list[Insertion]:
@@ -374,8 +375,7 @@ def _predict(insertion: Insertion, found: Sweep, basis: np.ndarray, left: np.nda
         return Candidate(insertion, insertion.starts, 0.0, 0.0, 0.0, None, "its law has no slope where it is absent")
     blind = seen**2 <= BLIND * np.clip(whole, 1e-150, None) ** 2
     if np.all(blind):
-        why = "no sensor sees it apart from what is free already"
-        return Candidate(insertion, insertion.starts, 0.0, 0.0, 0.0, None, why)
+        return Candidate(insertion, insertion.starts, 0.0, 0.0, 0.0, None, UNSEEN)
     scale = 1 / np.maximum(whole, 1e-150)
     kind = insertion.place.kind
     bounds = [item.bounds_at(kind) for item in insertion.parameters if item.role == "size"]

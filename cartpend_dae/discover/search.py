@@ -100,7 +100,8 @@ def search(
     if rules.regime == "forces":
         start, base = compared(bench, bare, start, base, rules)
         is_left = is_left or not is_told_freely(bench, start, base)
-        log.steps = [step for step in log.steps if step.candidate.insertion in base.taken]
+        kept = {insertion.prefix for insertion in base.taken}
+        log.steps = [step for step in log.steps if step.candidate.insertion.prefix in kept]
     return Search(
         rules.regime,
         log.judged,
@@ -335,7 +336,12 @@ def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _L
     may_couple = rules.regime == "noise" and n_more > 1 and may_be_two(base, rules, stage, bench.last)
     both = couple(bench, base, rules, options, ranked, stage) if may_couple else None
     if both is not None:
-        log.base, log.steps = swap(bench, both[0], [*log.steps, *both[1]], rules, library, whole=True)
+        made, steps = swap(bench, both[0], [*log.steps, *both[1]], rules, library, whole=True)
+        seen = {candidate.insertion.prefix for candidate in ranked}
+        unseen = [
+            c for c in log.tried.values() if c.insertion.prefix not in seen
+        ]  # the others were tried in the couple
+        log.base, log.steps = plain(bench, made, steps, rules, unseen, base.fit.chi2)
         return log.base
     if not ranked or ranked[0].why_not:
         is_able = rules.regime == "noise" and bool(log.steps)
