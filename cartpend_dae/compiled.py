@@ -25,6 +25,8 @@ import casadi as ca
 logger = logging.getLogger(__name__)
 
 USED = ".used"
+# folders of the cache by the first two digits of their hashes
+SHELF = "[0-9a-f][0-9a-f]"
 SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 # with its inner functions hidden the library may inline them, and an integrator takes an eighth less time; the macro is
 # CasADi's word for a compiler that knows of hiding
@@ -92,7 +94,7 @@ class Use:
         """Keep how much it was used in all; of processes that do so at once the last is believed."""
         with contextlib.suppress(OSError):
             self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile("w", dir=self.path.parent, prefix="making-", delete=False) as file:
+            with tempfile.NamedTemporaryFile("w", dir=self.path.parent, suffix=USED, delete=False) as file:
                 file.write(str(number))
             os.replace(file.name, self.path)
 
@@ -110,7 +112,7 @@ def compiled_before(function: ca.Function) -> tuple[ca.Function | None, Use | No
         full = [*command, f"-O{_level(source)}", *FLAGS]
         key = _key(source, full)
         is_there = next(_whole(key), None) is not None
-        return _loaded(function.name(), source, full) if is_there else None, Use(cache_folder() / f"{key}{USED}")
+        return _loaded(function.name(), source, full) if is_there else None, Use(_shelf(key) / f"{key}{USED}")
     except (RuntimeError, OSError, subprocess.SubprocessError) as error:
         _log_failure(function.name(), error)
         return None, None
@@ -149,7 +151,7 @@ def cache_folder() -> Path:
 
 def cached_libraries() -> tuple[Path, ...]:
     """Return the compiled functions in the cache, sorted by name."""
-    return tuple(sorted(cache_folder().glob(f"{'?' * 64}-{'?' * 64}{SUFFIX}")))
+    return tuple(sorted(cache_folder().glob(f"{SHELF}/{'?' * 64}-{'?' * 64}{SUFFIX}")))
 
 
 def clear_cache() -> int:
@@ -157,12 +159,19 @@ def clear_cache() -> int:
     found = cached_libraries()
     for path in found:
         path.unlink(missing_ok=True)
-    for path in (*cache_folder().glob("making-*"), *cache_folder().glob(f"*{USED}")):
-        if path.is_dir():
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            path.unlink(missing_ok=True)
+    for path in cache_folder().glob(f"{SHELF}/*{USED}"):
+        path.unlink(missing_ok=True)
+    for path in cache_folder().glob("making-*"):
+        shutil.rmtree(path, ignore_errors=True)
+    for path in cache_folder().glob(SHELF):
+        with contextlib.suppress(OSError):  # what is not of the cache stays
+            path.rmdir()
     return len(found)
+
+
+def _shelf(key: str) -> Path:
+    """Return the folder of a key, one of 256, as looking for a file takes as long as its folder has others."""
+    return cache_folder() / key[:2]
 
 
 def _level(source: str) -> int:
@@ -222,7 +231,7 @@ def _loaded(name: str, source: str, command: list[str]) -> ca.Function:
 
 def _whole(key: str) -> Iterator[Path]:
     """Yield the libraries of a key that are whole; what is not is deleted."""
-    for path in cache_folder().glob(f"{key}-*{SUFFIX}"):
+    for path in _shelf(key).glob(f"{key}-*{SUFFIX}"):
         if path.stem.endswith(_digest(path.read_bytes())):
             yield path
         else:
@@ -266,6 +275,7 @@ def _made(key: str, source: str, command: list[str]) -> Path:
         )
         if done.returncode:
             raise RuntimeError(f"the compiler failed: {done.stderr.strip() or f'exit code {done.returncode}'}")
-        path = cache / f"{key}-{_digest(made.read_bytes())}{SUFFIX}"
+        path = _shelf(key) / f"{key}-{_digest(made.read_bytes())}{SUFFIX}"
+        path.parent.mkdir(mode=0o700, exist_ok=True)
         os.replace(made, path)
     return path

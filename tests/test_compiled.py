@@ -250,3 +250,13 @@ def test_the_cache_is_where_the_platform_wants_it(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")  # the rule says: ignore it
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     assert cache_folder() == tmp_path / "home" / ".cache" / "cartpend_dae"
+
+
+@needs_compiler
+def test_clearing_the_cache_leaves_what_is_not_of_it():
+    compiled(polynomial())
+    (made,) = cached_libraries()
+    mine = made.parent / "notes.txt"
+    mine.write_text("kept")
+    clear_cache()
+    assert list(made.parent.iterdir()) == [mine] and not made.exists()

@@ -62,6 +62,17 @@ def test_a_sweep_has_the_sensitivities_of_single_models(name, bandwidth):
     assert n_compared > 10
 
 
+def test_the_model_of_an_effect_alone_is_made_once_whatever_sizes_come_to_be_known():
+    bench, _ = bench_of("pendulum")
+    option = insertion_at(RotaDamp(), "quadratic_drag", "bearing")
+    one = alone_with(bench, (), option)
+    bench.expect({name: 7.0 for name in option.starts})
+    again, other = alone_with(bench, (), option), Workbench(bench.setup)
+    other.expect({name: 7.0 for name in option.starts})
+    assert again is one
+    assert [item.scale for item in alone_with(other, (), option).variables] == [item.scale for item in one.variables]
+
+
 def test_effects_whose_own_states_are_too_fast_are_left_out_of_the_sweep():
     bench, options = bench_of("cart")
     firsts = list({option.prefix: option for option in reversed(options)}.values())

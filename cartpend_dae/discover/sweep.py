@@ -199,7 +199,7 @@ def _left_by(problem: Problem, point: Mapping[str, float], bandwidth: float, sd:
 
 def alone_with(bench: Workbench, taken: tuple[Insertion, ...], option: Insertion) -> Problem:
     """Return the problem of the model with a single effect more, in coarse steps."""
-    return bench.build((*taken, option), bench.setup.train, COARSE)
+    return bench.coarse((*taken, option))
 
 
 def one_by_one(

@@ -104,6 +104,13 @@ class Workbench:
             self.problems[key] = self.build(insertions, self.setup.train, stride, scales=scales)
         return self.problems[key]
 
+    def coarse(self, insertions: tuple[Insertion, ...]) -> Problem:
+        """Return the problem of the model with effects in coarse steps, which no sizes scale that come to be known."""
+        key = COARSE, _key(insertions)
+        if key not in self.problems:
+            self.problems[key] = self.build(insertions, self.setup.train, COARSE, scales={})
+        return self.problems[key]
+
     def scales_of(self, insertions: tuple[Insertion, ...], stride: Stride = None) -> dict[str, float]:
         """Return the sizes by which the problem of effects is scaled, which do not change once it was asked for."""
         names = {name for insertion in insertions for name in insertion.starts}
