@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from test_discover_pendulum import clean_run, noisy_setup
 
-from cartpend_dae.discover import bases, revise
+from cartpend_dae.discover import bases, nested, revise
 from cartpend_dae.discover import trial as trials
 from cartpend_dae.discover.choice import SHAPELESS, TOUCH, beyond_shape, contains, ordered_by_bic, step_of
 from cartpend_dae.discover.couple import chosen_anew, couple, next_richer, richer
 from cartpend_dae.discover.disturbed import margin_of, ordered
 from cartpend_dae.discover.gate import residuals
-from cartpend_dae.discover.nested import PEAK, own, restarted, shared, simplified
+from cartpend_dae.discover.nested import PEAK, chosen_otherwise, own, restarted, shared, simplified
 from cartpend_dae.discover.promising import HELD, Couple, may_be_two, promising
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.screen import candidates, is_other_law
@@ -118,6 +118,20 @@ def test_a_plain_law_starts_from_the_richer_one_with_each_of_its_choices(fitted)
         again = simplified([begun, rich], lambda c: c.fit.chi2 if c.fit else np.inf)
         assert [c.insertion.values["a"] for c in again] == [exponent, 3.0 - exponent]
         assert {tuple(own(c).parameters.values()) for c in again} == {(0.4, 1e-3)}
+
+
+def test_a_law_gets_its_other_choices_where_a_richer_one_of_the_contact_alone_leaves_noise(fitted, monkeypatch):
+    """Dahl friction was called hysteresis: six steps had left less with the wrong exponent."""
+    monkeypatch.setattr(nested, "is_clean", lambda fit: fit.chi2 < 100.0)
+    dahl = fitted("dahl_friction", 0.0, 900.0, tau_c=0.7, phi_s=2e-3)
+    dahl = replace(dahl, insertion=replace(dahl.insertion, values={"a": 2.0, "phi_s": 0.05}))
+    rich, drag = fitted("hysteresis", 0.0, 90.0), fitted("quadratic_drag", 0.0, 90.0)
+    (again,) = chosen_otherwise([dahl, rich])
+    assert again.insertion.values["a"] == 1.0 and again.fit is None
+    assert again.parameters == dahl.fit.point
+    assert not chosen_otherwise([dahl, drag])  # which has no dry friction
+    assert not chosen_otherwise([dahl, replace(rich, why_not="something")])
+    assert not chosen_otherwise([replace(dahl, fit=replace(dahl.fit, chi2=95.0)), rich])
 
 
 def test_a_plain_law_starts_again_only_where_the_richer_one_ended_elsewhere(fitted):

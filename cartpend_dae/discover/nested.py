@@ -7,7 +7,9 @@ so may one that explains much less than a richer law, of which it may be a case.
 from collections.abc import Callable
 from dataclasses import replace
 
+from cartpend_dae.discover.gate import is_clean
 from cartpend_dae.discover.records import Candidate
+from cartpend_dae.discover.screen import is_other_law
 from cartpend_dae.discover.shortlist import each_choice
 from cartpend_dae.effects import Insertion
 
@@ -88,6 +90,22 @@ def simplified(
             options = each_choice(plain) + (_creeping(plain, rich) if contradicts(rich) else [])
             found += [replace(c, parameters={**point, **c.parameters, **values}, fit=None) for c in options]
     return found
+
+
+def chosen_otherwise(found: list[Candidate]) -> list[Candidate]:
+    """Return laws with their other choices, where a law of the contact with more parameters alone leaves noise alone.
+
+    Which exponent of a law is right, the first few steps may tell wrongly.
+    """
+    clean = [c for c in found if not c.why_not and c.fit is not None and is_clean(c.fit)]
+    again: list[Candidate] = []
+    for candidate in found:
+        if candidate.fit is None or is_clean(candidate.fit):
+            continue
+        n, point = len(candidate.insertion.parameter_names), candidate.fit.point
+        if any(is_other_law(one, candidate) and len(one.insertion.parameter_names) > n for one in clean):
+            again += [replace(c, parameters=point, fit=None) for c in each_choice(candidate)[1:]]
+    return again
 
 
 def _creeping(plain: Candidate, rich: Candidate) -> list[Candidate]:

@@ -9,7 +9,7 @@ from cartpend_dae.discover.choice import SHAPELESS, ordered_by_bic, rounded_firs
 from cartpend_dae.discover.disturbed import is_composite, judge, margin_of, ordered, penalty
 from cartpend_dae.discover.evidence import bic, cancelled, coloured_bic
 from cartpend_dae.discover.gate import is_clean, is_noise_alone
-from cartpend_dae.discover.nested import holds, own, restarted, simplified
+from cartpend_dae.discover.nested import chosen_otherwise, holds, own, restarted, simplified
 from cartpend_dae.discover.predicted import trials
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.rescan import rescanned
@@ -305,7 +305,7 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate]) ->
             found += [replace(c, fit=None, why_not=_far_simpler(enough)) for c in these]
             continue
         found += each(bench, these, lambda at, candidate: _judge(at, base, rules, candidate), "last fit")
-    again = simplified(found, left_by)
+    again = simplified(found, left_by) + chosen_otherwise(found)
     found += map(own, each(bench, again, lambda at, candidate: _judge(at, base, rules, candidate), "last fit"))
     return best_of_each(found, left_by)
 
