@@ -57,7 +57,8 @@ def test_demo_names_coulomb_friction_and_prints_before_and_after():
 
 def test_the_cache_is_shown_and_cleared(tmp_path, monkeypatch):
     monkeypatch.setenv("CARTPEND_CACHE", str(tmp_path))
-    (tmp_path / f"{'a' * 64}-{'b' * 64}{SUFFIX}").write_bytes(bytes(2_000_000))
+    (tmp_path / "aa").mkdir()
+    (tmp_path / "aa" / f"{'a' * 64}-{'b' * 64}{SUFFIX}").write_bytes(bytes(2_000_000))
     (tmp_path / "note.txt").write_text("not ours")
     where = f", 2.0 MB, in {tmp_path}\n"
     assert run("cache").stdout.endswith(f"1 compiled functions{where}")
