@@ -14,6 +14,7 @@ from cartpend_dae.discover.choice import ALIKE, NEAR, SHAPE, SIMPLER, TOUCH, con
 from cartpend_dae.discover.disturbed import is_composite
 from cartpend_dae.discover.evidence import bic, cancelled
 from cartpend_dae.discover.gate import is_clean, is_noise_alone, residuals
+from cartpend_dae.discover.nearest import left_early
 from cartpend_dae.discover.nested import as_plain, holds, shared
 from cartpend_dae.discover.promising import EARLY, Couple, beside, promising
 from cartpend_dae.discover.rattle import is_all_that_tells
@@ -22,7 +23,7 @@ from cartpend_dae.discover.screen import UNSEEN, is_other_law
 from cartpend_dae.discover.shape import is_far_from_noise, is_left_to_shape, is_shape_error, leaves_little
 from cartpend_dae.discover.shortlist import chosen
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import MIN_BIC_GAIN, left_early
+from cartpend_dae.discover.trial import MIN_BIC_GAIN
 from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import ModelError, SolverError

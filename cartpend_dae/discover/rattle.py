@@ -14,10 +14,10 @@ import numpy as np
 
 from cartpend_dae.discover.choice import SHAPE
 from cartpend_dae.discover.disturbed import is_composite
+from cartpend_dae.discover.nearest import left_early
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.shape import FAR
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import left_early
 from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.errors import SolverError
 from cartpend_dae.identify import Fit

@@ -9,6 +9,7 @@ from cartpend_dae.discover.choice import SHAPELESS, ordered_by_bic, rounded_firs
 from cartpend_dae.discover.disturbed import is_composite, judge, margin_of, ordered, penalty
 from cartpend_dae.discover.evidence import bic, cancelled, coloured_bic
 from cartpend_dae.discover.gate import is_clean, is_noise_alone
+from cartpend_dae.discover.nearest import NARROW, left_by, left_early, nearest
 from cartpend_dae.discover.nested import chosen_otherwise, holds, own, restarted, simplified
 from cartpend_dae.discover.predicted import trials
 from cartpend_dae.discover.records import Candidate
@@ -24,8 +25,8 @@ from cartpend_dae.identify import Fit
 from cartpend_dae.uncertainty import Estimate
 
 # so many of the best predictions are fitted at the first stage, in so many steps; the best of them with less injection,
-# in so many steps; and the best of these to the end
-WIDE, MIDDLE, NARROW, EARLY, LATER = 10, 8, 4, 6, 10
+# in so many steps
+WIDE, MIDDLE, EARLY, LATER = 10, 8, 6, 10
 # plainer laws start again from richer ones so often, as one that was reached so may lead to a plainer one still
 DOWN = 2
 # against random forces: so many are fitted, of those that promise this share of what they must gain
@@ -40,9 +41,6 @@ NEAR = 1.5
 HIDDEN = 0.1
 # predictions below this share of the best one are not fitted
 FAINT = 0.03
-# those that leave so many times more than the best one, with the least injection, are not fitted to the end; what the
-# best one leaves beyond noise counts as this share of noise at least
-BEHIND, LITTLE = 10.0, 0.1
 # noise alone: drop of BIC (largest on 90 data sets with nothing missing: 8.6)
 MIN_BIC_GAIN = 20.0
 
@@ -257,11 +255,6 @@ def _first_fits(
     return found, enough
 
 
-def left_by(candidate: Candidate) -> float:
-    """Return what the fit of a candidate leaves; infinity without one."""
-    return candidate.fit.chi2 if candidate.fit else np.inf
-
-
 def _enough(bench: Workbench, base: Base, rules: Rules, new: list[Candidate]) -> Candidate | None:
     """Return the best of some candidates that do one thing if it leaves noise alone, with injection and without."""
     fitted_ones = [c for c in new if c.fit is not None and not c.why_not and not is_composite(c.insertion)]
@@ -288,14 +281,7 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate]) ->
     few = each(bench, few, lambda at, candidate: _nearer(at, base, rules, candidate), "nearer fit")
     found = [c for c in few if c.why_not]
     few = [c for c in few if not c.why_not]
-    left = sorted(c.fit.chi2 - c.fit.n_residuals for c in few if c.fit is not None)
-    least = max(left[0], LITTLE * base.fit.n_residuals) if left else 0.0
-    few.sort(key=lambda c: bic(c.fit) if c.fit else np.inf)
-    # rough steps may leave the same of all of them: what explained most at the first stage stays
-    most = min(few, key=left_early, default=None)
-    near = few[:NARROW] + [c for c in few[NARROW:] if is_simple(c) or c is most]
-    near = [c for c in near if c.fit and c.fit.chi2 - c.fit.n_residuals <= BEHIND * least]
-    near += [c for c in few if is_simple(c) and c not in near and any(_may_be_rounded(c, other) for other in near)]
+    near = nearest(few, base.fit.n_residuals)
     found += [replace(c, fit=None, why_not="others explain more at the next stage") for c in few if c not in near]
     few = near
     for count in sorted({len(c.insertion.parameter_names) for c in few}):
@@ -308,16 +294,6 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate]) ->
     again = simplified(found, left_by) + chosen_otherwise(found)
     found += map(own, each(bench, again, lambda at, candidate: _judge(at, base, rules, candidate), "last fit"))
     return best_of_each(found, left_by)
-
-
-def left_early(candidate: Candidate) -> float:
-    """Return what a candidate left at its first fit; infinity if it had none."""
-    return np.inf if candidate.early is None else candidate.early
-
-
-def _may_be_rounded(plain: Candidate, best: Candidate) -> bool:
-    """Return whether a law of dry friction is the plain one of another, which as fitted is weaker at rest."""
-    return best.fit is not None and bool(best.insertion.contradiction(best.fit.values)) and is_other_law(plain, best)
 
 
 def _is_clean(candidate: Candidate) -> bool:
