@@ -8,7 +8,7 @@ from test_discover_pendulum import clean_run, noisy_setup
 
 from cartpend_dae.discover import bases, nested, revise
 from cartpend_dae.discover import trial as trials
-from cartpend_dae.discover.choice import SHAPELESS, TOUCH, beyond_shape, contains, ordered_by_bic, step_of
+from cartpend_dae.discover.choice import SHAPELESS, TOUCH, beyond_shape, contains, ordered_by_bic, step_beside, step_of
 from cartpend_dae.discover.couple import chosen_anew, couple, next_richer, richer
 from cartpend_dae.discover.disturbed import margin_of, ordered
 from cartpend_dae.discover.gate import residuals
@@ -614,3 +614,14 @@ def test_where_rough_steps_leave_the_same_of_all_laws_those_that_explained_most_
     apart = [replace(c, fit=replace(c.fit, chi2=0.8 * c.fit.chi2)) if names([c])[0] in plain[:2] else c for c in few]
     apart = [replace(c, fit=replace(c.fit, chi2=0.9 * c.fit.chi2)) if names([c])[0] in plain[2:] else c for c in apart]
     assert set(names(nearest(apart, n))) == {*plain, "position_dependent_friction"}
+
+
+def test_what_was_found_together_names_what_was_predicted_to_move_the_data_alike(fitted):
+    """Of two effects taken at once neither named a rival, though each may have some."""
+    response = np.array([1.0, 0.0])
+    part = replace(fitted("coulomb_friction", 900.0, 100.0, tau_c=0.3), response=response)
+    alike = replace(fitted("quadratic_drag", 1.0, 900.0), response=np.array([0.98, 0.2]) / np.hypot(0.98, 0.2))
+    other = replace(fitted("imbalance", 900.0, 100.0), response=np.array([0.9, 0.5]) / np.hypot(0.9, 0.5))
+    rich = replace(fitted("stribeck_friction", 900.0, 100.0), response=response)
+    step = step_beside(part, residuals(part.fit), [part, alike, other, rich])
+    assert step.aliases == ("quadratic_drag at bearing",) and step.richer == ()

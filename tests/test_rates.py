@@ -8,7 +8,7 @@ from test_discover_pendulum import COULOMB, NOISE, clean_run, noisy_setup
 
 from cartpend_dae.discover import Workbench, discover, refit, splits
 from cartpend_dae.discover.rates import made_anew
-from cartpend_dae.discover.split import Split
+from cartpend_dae.discover.split import Split, still_alike
 from cartpend_dae.discover.trial import too_little
 from cartpend_dae.effects import catalogue, insertion_at
 from cartpend_dae.experiment_design import Plan
@@ -73,9 +73,12 @@ def test_placebo_adds_nothing_and_power_finds_it_again():
 
 
 def test_experiments_that_tell_nothing_are_said_to():
-    assert Split("bearing.a", "bearing.b", (("release", 2.3e-20), ("step", 0.0))).sentence == (
-        "None of 2 experiments tells `bearing.a` from `bearing.b` (evidence of 0.0 at most, where 20 would tell): "
+    assert Split("bearing.a", "bearing.b", (("release", 0.43), ("step", 0.0))).sentence == (
+        "None of 2 experiments tells `bearing.a` from `bearing.b` (evidence of 0.4 at most, where 20 would tell): "
         "another sensor is needed."
+    )
+    assert Split("bearing.a", "bearing.b", (("release", 2.3e-20), ("step", 0.0))).sentence == (
+        "`bearing.b` is `bearing.a` in other words: none of 2 experiments differs."
     )
 
 
@@ -104,7 +107,15 @@ def drag_as_rival(bench):
 def test_no_experiment_is_planned_for_a_rival_that_the_runs_refute(bench):
     search, drag = drag_as_rival(bench)
     assert drag.chi2 > 100 * search.final.chi2
-    assert splits(bench, search) == ()
+    (told,) = splits(bench, search)
+    assert told.ranking == () and told.times is not None and told.times > 4
+    assert "these runs tell them apart" in told.sentence
+    # ... and the answer no longer says that it may be the rival; other rivals stay
+    both = replace(search.steps[0], aliases=("quadratic_drag at bearing", "dahl_friction at bearing"))
+    after = still_alike(replace(search, steps=(both,)), (told,))
+    assert after.steps[0].aliases == ("dahl_friction at bearing",)
+    split = Split(told.chosen, told.rival, (("release", 30.0),))
+    assert still_alike(search, (split,)).steps[0].aliases == ("quadratic_drag at bearing",)
 
 
 def test_a_larger_release_splits_two_kinds_of_drag():

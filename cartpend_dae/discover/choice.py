@@ -195,11 +195,23 @@ def step_of(winner: Candidate, gate: Gate, ranked: list[Candidate]) -> Step:
     alike = [other for other in ranked if _is_alike(winner, other)]
     richer = [other for other in alike if contains(other, winner, ranked)]
     same = [f"{winner.insertion.card.id} at {place}" for place in winner.insertion.place.same_motion]
-    rivals = [_named(other) for other in alike if other not in richer]
-    return Step(winner, gate, (*same, *rivals), tuple(_named(other) for other in richer))
+    rivals = [named(other) for other in alike if other not in richer]
+    return Step(winner, gate, (*same, *rivals), tuple(named(other) for other in richer))
 
 
-def _named(candidate: Candidate) -> str:
+def step_beside(part: Candidate, gate: Gate, ranked: list[Candidate]) -> Step:
+    """Return an addition that was fitted together with others, with what was predicted to move the data alike.
+
+    What others explained alone says nothing beside them, so that these are proposals: `splits` fits them in its place.
+    """
+    able = [c for c in ranked if not (contains(c, part, ranked) or contains(part, c, ranked))]
+    alike = [c for c in able if are_parallel(part, c)]
+    same = [f"{part.insertion.card.id} at {place}" for place in part.insertion.place.same_motion]
+    return Step(part, gate, (*same, *map(named, alike)))
+
+
+def named(candidate: Candidate) -> str:
+    """Return the name of an effect at a place, as reports give it."""
     return f"{candidate.insertion.card.id} at {candidate.insertion.place.at}"
 
 

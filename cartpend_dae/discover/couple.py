@@ -10,7 +10,7 @@ import numpy as np
 
 from cartpend_dae.discover.attempts import kept
 from cartpend_dae.discover.bases import base_of, followed
-from cartpend_dae.discover.choice import ALIKE, NEAR, SHAPE, SIMPLER, TOUCH, contains, step_of
+from cartpend_dae.discover.choice import ALIKE, NEAR, SHAPE, SIMPLER, TOUCH, contains, step_beside, step_of
 from cartpend_dae.discover.disturbed import is_composite
 from cartpend_dae.discover.evidence import bic, cancelled
 from cartpend_dae.discover.gate import is_clean, is_noise_alone, residuals
@@ -383,7 +383,9 @@ def _made(
     done.sort(key=lambda c: -c.gain)
     after = base_of(bench, base, (*base.taken, done[0].insertion), done[1], rules)
     gate = residuals(after.fit)
-    return after, [step_of(part, gate, [part]) for part in done]
+    taken = {insertion.prefix for insertion in after.taken}
+    others = [c for c in ranked if c.insertion.prefix not in taken]
+    return after, [step_beside(part, gate, others) for part in done]
 
 
 def as_fitted(part: Candidate, fit: Fit, before: Fit) -> Candidate:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from cartpend_dae.discover.bases import Library, base_of, followed
-from cartpend_dae.discover.choice import NEAR, SHAPE, SIMPLER, step_of
+from cartpend_dae.discover.choice import NEAR, SHAPE, SIMPLER, step_beside, step_of
 from cartpend_dae.discover.couple import as_fitted, plainer
 from cartpend_dae.discover.disturbed import ALIKE, penalty
 from cartpend_dae.discover.evidence import bic
@@ -102,7 +102,8 @@ def plain(
                 continue
             found = replace(as_fitted(law, fit, fit), gain=old.candidate.gain)
             base = base_of(bench, base, others, found, rules)
-            steps = [s for s in steps if s is not old] + [step_of(found, residuals(fit), [found])]
+            rivals = [c for c in tried if c.insertion.prefix not in {i.prefix for i in base.taken}]
+            steps = [s for s in steps if s is not old] + [step_beside(found, residuals(fit), rivals)]
             break
     return base, steps
 

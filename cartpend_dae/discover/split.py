@@ -16,6 +16,7 @@ import numpy as np
 
 from cartpend_dae.data import Experiment
 from cartpend_dae.discover.attempts import content, kept
+from cartpend_dae.discover.choice import named
 from cartpend_dae.discover.records import Candidate, Search, Step
 from cartpend_dae.discover.workbench import ROUGH, Workbench, assembled, renamed
 from cartpend_dae.effects import Insertion
@@ -38,22 +39,35 @@ MOST_RIVALS = 3
 EARLY, APART = 5, 4.0
 # where they do not, so many more steps: experiments that are far apart do not ask for the rival's last digits
 NEARLY = 4
+# evidence that differs from zero by rounding alone: both are one law in other words
+SAME = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class Split:
-    """What would tell an answer from a rival: experiments by the distance of both, in twice the log likelihood."""
+    """What would tell an answer from a rival: experiments by the distance of both, in twice the log likelihood.
+
+    Where the runs do so already, `times` says how many times the chi^2 of the answer the rival leaves in its place.
+    """
 
     chosen: str
     rival: str
     ranking: tuple[tuple[str, float], ...]
+    times: float | None = None
 
     @property
     def sentence(self) -> str:
         """What to do next, in words."""
+        if self.times is not None:
+            return (
+                f"`{self.rival}` was expected to act like `{self.chosen}`; in its place it leaves "
+                f"{float(f'{self.times:.2g}'):,g} times the chi^2, so that these runs tell them apart."
+            )
         if not self.ranking:
             return f"No experiment could be simulated that tells `{self.chosen}` from `{self.rival}`."
         name, distance = self.ranking[0]
+        if distance < SAME:
+            return f"`{self.rival}` is `{self.chosen}` in other words: none of {len(self.ranking)} experiments differs."
         if distance < CLEAR:
             return (
                 f"None of {len(self.ranking)} experiments tells `{self.chosen}` from `{self.rival}` "
@@ -89,7 +103,7 @@ def splits(bench: Workbench, search: Search, *, plan: Plan | None = None) -> tup
         try:
             fit = _fit_of(at, search, together, rival)
             if fit.chi2 > APART * search.final.chi2:
-                return None  # the runs tell them apart
+                return Split(chosen.prefix, rival.insertion.prefix, (), fit.chi2 / search.final.chi2)
             ranking = _ranked(at, (taken, search.final), (together, fit), plan)
         except (SolverError, ModelError):
             return None
@@ -97,6 +111,24 @@ def splits(bench: Workbench, search: Search, *, plan: Plan | None = None) -> tup
 
     depends = [(chosen.prefix, content(rival), search.final.point, search.bandwidth, plan) for chosen, rival in pairs]
     return tuple(found for found in kept(bench, "split", depends, split, pairs) if found is not None)
+
+
+def still_alike(search: Search, found: tuple[Split, ...]) -> Search:
+    """Return a search whose steps no longer name the rivals that the runs were seen to tell from them."""
+    told = {(split.chosen, split.rival) for split in found if split.times is not None}
+    names = {c.insertion.prefix: named(c) for c in search.candidates}
+    steps = [
+        replace(
+            step,
+            aliases=tuple(
+                name
+                for name in step.aliases
+                if name not in {names.get(rival) for chosen, rival in told if chosen == step.candidate.insertion.prefix}
+            ),
+        )
+        for step in search.steps
+    ]
+    return replace(search, steps=tuple(steps))
 
 
 def _fit_of(bench: Workbench, search: Search, together: tuple[Insertion, ...], rival: Candidate) -> Fit:
@@ -114,9 +146,7 @@ def _rivals(search: Search, step: Step) -> list[Candidate]:
     found = [
         c
         for c in search.candidates
-        if f"{c.insertion.card.id} at {c.insertion.place.at}" in names
-        and c.insertion.prefix != step.candidate.insertion.prefix
-        and c.parameters
+        if named(c) in names and c.insertion.prefix != step.candidate.insertion.prefix and c.parameters
     ]
     return sorted(found, key=lambda c: (-c.gain, -c.predicted))[:MOST_RIVALS]
 
