@@ -75,6 +75,7 @@ class StepPart(Part):
     parameters: dict[str, StepParameterPart]
     aliases: list[str]
     contained_in: list[str]
+    known_alike: dict[str, str]
     evidence: dict[str, float | None]
 
 

@@ -11,6 +11,7 @@ from cartpend_dae.assess import Assessment, assess
 from cartpend_dae.bands import prediction_sd
 from cartpend_dae.bootstrap import Bootstrap, Kind, bootstrap
 from cartpend_dae.discover import Discovery, Gate, residuals
+from cartpend_dae.discover.alike import known_alike
 from cartpend_dae.discover.gate import LIMIT
 from cartpend_dae.discover.records import Candidate, Search, Step
 from cartpend_dae.experiment_design import Ranking
@@ -146,7 +147,7 @@ def discovery_result(opened: Opened, discovery: Discovery, seconds: float) -> Js
             "verdict": search.verdict,
             "message": discovery_sentence(discovery),
             "baseline": _state(opened, search.baseline, discovery.before),
-            "steps": [_step(step, search.final) for step in search.steps],
+            "steps": [_step(step, search) for step in search.steps],
             "final": _state(opened, search.final, discovery.after),
             "places": _places(search),
             "candidates": [_candidate(candidate) for candidate in all_candidates(search)],
@@ -230,15 +231,16 @@ def _experiments(errors: Assessment) -> Json:
     }
 
 
-def _step(step: Step, final: Fit) -> Json:
+def _step(step: Step, search: Search) -> Json:
     candidate = step.candidate
     names = candidate.insertion.parameter_names
     return {
         "effect": candidate.insertion.card.id,
         "at": candidate.insertion.place.at,
-        "parameters": {e.name: _estimate(e) for e in final.parameters if e.name in names},
+        "parameters": {e.name: _estimate(e) for e in search.final.parameters if e.name in names},
         "aliases": list(step.aliases),
         "contained_in": list(step.richer),
+        "known_alike": known_alike(search, step),
         "evidence": {
             "gain": candidate.gain,
             "predicted": candidate.predicted,

@@ -8,6 +8,7 @@ import casadi as ca
 
 from cartpend_dae.assess import Assessment, OutputError, RunError
 from cartpend_dae.discover import Discovery, Gate
+from cartpend_dae.discover.alike import known_alike
 from cartpend_dae.discover.gate import LIMIT
 from cartpend_dae.discover.records import Candidate, Search
 from cartpend_dae.errors import SolverError
@@ -165,6 +166,9 @@ def alias_sentence(search: Search) -> tuple[str, ...]:
             found.append(f"These runs cannot tell `{name}` from: {', '.join(step.aliases)}.")
         if step.richer:
             found.append(f"Laws that contain `{name}` explain no more: {', '.join(step.richer)}.")
+        if known := known_alike(search, step):
+            listed = "; ".join(f"{other} ({why})" for other, why in known.items())
+            found.append(f"Known to act like `{name}` under a condition: {listed}.")
     return tuple(found)
 
 
