@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from cartpend_dae.discover.choice import is_tied
-from cartpend_dae.discover.disturbed import fitted
+from cartpend_dae.discover.disturbed import fitted, polished
 from cartpend_dae.discover.gate import is_noise_alone, residuals
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.screen import candidates, screen
@@ -34,7 +34,8 @@ def noise_rules(bench: Workbench, places: tuple[Place, ...], last: float) -> Rul
 def fit_base(bench: Workbench, taken: tuple[Insertion, ...], guess: Mapping[str, float], rules: Rules) -> Base:
     """Fit the model with effects, stage by stage from a guess, as the rules want it."""
     if rules.regime == "forces":
-        fit, weighed = fitted(bench, taken, rules.loads, guess, rules.screening, rules.sd)
+        first = fitted(bench, taken, rules.loads, guess, rules.screening, rules.sd)
+        fit, weighed = polished(bench, taken, rules.loads, first, rules.sd)
         return Base(taken, {float(fit.bandwidth[0]): fit}, 0.0, weighed)
     fits: dict[float, Fit] = {}
     point = dict(guess)
@@ -74,7 +75,8 @@ def base_of(bench: Workbench, before: Base, taken: tuple[Insertion, ...], winner
     if rules.regime == "forces":
         bandwidth, point = float(winner.fit.bandwidth[0]), winner.fit.point
         weighed = weigh(bench, together, rules.loads, point, bandwidth, rules.sd)
-        return Base(together, {bandwidth: winner.fit}, before.bare, weighed)
+        fit, weighed = polished(bench, together, rules.loads, (winner.fit, weighed), rules.sd)
+        return Base(together, {float(fit.bandwidth[0]): fit}, before.bare, weighed)
     stages = [w for w in rules.stages if bench.last < w <= rules.screening]
     fits: dict[float, Fit] = {}
     for w in stages:

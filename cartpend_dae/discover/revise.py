@@ -23,9 +23,16 @@ from cartpend_dae.errors import SolverError
 from cartpend_dae.identify import Fit
 
 
-def prune(bench: Workbench, base: Base, steps: list[Step], rules: Rules, n_options: int) -> tuple[Base, list[Step]]:
-    """Take back each earlier addition that the model with the last one does without."""
-    for step in list(steps[:-1]):
+def prune(
+    bench: Workbench, base: Base, steps: list[Step], rules: Rules, n_options: int, *, whole: bool = False
+) -> tuple[Base, list[Step]]:
+    """Take back each earlier addition that the model with the last one does without; of the `whole` that one, too.
+
+    One is always left.
+    """
+    for step in list(steps if whole else steps[:-1]):
+        if len(steps) == 1:
+            break
         fewer = tuple(i for i in base.taken if i.prefix != step.candidate.insertion.prefix)
         trial = followed(bench, fewer, _early(base, rules), rules, base.bare)
         if trial is None:

@@ -7,7 +7,7 @@ import numpy as np
 from cartpend_dae.discover.bases import Library, base_of, fit_base, noise_alone, noise_rules, place_with_a_future
 from cartpend_dae.discover.choice import SHAPE, are_parallel, beyond_shape, step_of
 from cartpend_dae.discover.couple import couple, plainer, simpler
-from cartpend_dae.discover.disturbed import fitted
+from cartpend_dae.discover.disturbed import fitted, polished
 from cartpend_dae.discover.edges import off_edges
 from cartpend_dae.discover.evidence import determined, lead, with_robust_sd
 from cartpend_dae.discover.gate import residuals
@@ -231,7 +231,8 @@ def _distinct(ranked: list[Candidate]) -> list[Candidate]:
 def _forced(bench: Workbench, noise: Rules, base: Base) -> tuple[Rules, Base]:
     """Weigh against random forces, with the output injection that suits them."""
     early = base.fits[noise.screening]
-    fit, weighed = fitted(bench, (), noise.loads, early.point, noise.screening, noise.sd)
+    first = fitted(bench, (), noise.loads, early.point, noise.screening, noise.sd)
+    fit, weighed = polished(bench, (), noise.loads, first, noise.sd)
     bandwidth = float(fit.bandwidth[0])
     rules = Rules("forces", (bandwidth,), bandwidth, noise.sd, noise.loads, bench.weighing, noise)
     return rules, Base((), {bandwidth: fit}, base.bare, weighed)
@@ -337,10 +338,11 @@ def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _L
     both = couple(bench, base, rules, options, ranked, stage) if may_couple else None
     if both is not None:
         made, steps = swap(bench, both[0], [*log.steps, *both[1]], rules, library, whole=True)
+        if log.steps:
+            made, steps = prune(bench, made, steps, rules, len(options), whole=True)
+        # the others were tried in the couple
         seen = {candidate.insertion.prefix for candidate in ranked}
-        unseen = [
-            c for c in log.tried.values() if c.insertion.prefix not in seen
-        ]  # the others were tried in the couple
+        unseen = [c for c in log.tried.values() if c.insertion.prefix not in seen]
         log.base, log.steps = plain(bench, made, steps, rules, unseen, base.fit.chi2)
         return log.base
     if not ranked or ranked[0].why_not:
@@ -354,7 +356,12 @@ def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _L
     base = replace(base_of(bench, base, base.taken, winner, rules), rival=best_rival(winner, ranked))
     steps = [*log.steps, step_of(winner, residuals(base.fit), ranked)]
     base, steps = prune(bench, base, steps, rules, len(options))
+    before = steps
     base, steps = swap(bench, base, steps, rules, library)
+    if any(
+        a is not b for a, b in zip(steps, before, strict=True)
+    ):  # beside what has taken the place of another one, others may do nothing any more
+        base, steps = prune(bench, base, steps, rules, len(options), whole=True)
     if rules.regime == "noise" and len(steps) > 1:
         base, steps = plain(bench, base, steps, rules, list(log.tried.values()), left)
     log.steps, log.base = steps, base

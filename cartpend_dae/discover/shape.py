@@ -6,7 +6,7 @@ import numpy as np
 
 from cartpend_dae.discover.choice import SHAPE, TOUCH, contains
 from cartpend_dae.discover.disturbed import penalty
-from cartpend_dae.discover.gate import NOISE_ALONE, is_noise_alone, residuals
+from cartpend_dae.discover.gate import is_noise_alone, most_of_noise, residuals
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.screen import is_other_law, screen
 from cartpend_dae.discover.state import Base, Rules
@@ -35,7 +35,7 @@ def is_shape_error(base: Base, fit: Fit) -> bool:
     shapes = np.inf if base.rival is None else max(base.fit.chi2 - base.rival, 0.0)
     if share > TOUCH and base.fit.chi2 - fit.chi2 > LAWS * shapes:
         return False
-    return share < TOUCH or residuals(fit).is_passed or fit.chi2 > NOISE_ALONE * fit.n_residuals
+    return share < TOUCH or residuals(fit).is_passed or fit.chi2 > most_of_noise(fit.n_residuals)
 
 
 def best_rival(winner: Candidate, ranked: list[Candidate]) -> float | None:

@@ -20,6 +20,8 @@ SHARES = (1e-3, 1e-2, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
 TIMES = (0.05, 0.2, 1.0)
 # multiples of the random forces of a model that may be left with another effect in it
 LEFT = (0.0, 0.01, 0.03, 0.1, 0.3, 0.6, 1.0)
+# of forces that were nothing so much of that size is tried again
+AGAIN = 0.01
 # factors on sizes and times of a good set, tried one after the other
 FINER = ((0.0, 1.0), (0.1, 1.0), (0.4, 1.0), (0.7, 1.0), (1.4, 1.0), (2.5, 1.0), (1.0, 0.4), (1.0, 2.5))
 LONGEST = 1.0
@@ -161,11 +163,19 @@ def _first_sets(found: Sweep, chain: Chain, near: Forces | None) -> tuple[np.nda
         sets = [(factor, time) for factor in LEFT for time in TIMES]
         # forces of another time are as strong at low frequencies
         scaled = [factor * sizes * np.sqrt(times / time) for factor, time in sets]
-        return np.array(scaled), np.array([np.full(times.size, time) for _, time in sets])
-    whole = np.linalg.norm(found.residual)
-    unit = np.array([whole / np.linalg.norm(found.sizes[name]) for name in chain.names])
+        # as they are, and with a little of those that were nothing, which no factor brings back
+        some = np.where(sizes > 0, sizes, AGAIN * _units(found, chain))
+        alike = [np.full(times.size, time) for _, time in sets]
+        return np.array([sizes, some, *scaled]), np.array([times, times, *alike])
+    unit = _units(found, chain)
     sets = [(0.0, TIMES[0]), *((share, time) for share in SHARES for time in TIMES)]
     return np.array([share * unit for share, _ in sets]), np.array([np.full(unit.size, t) for _, t in sets])
+
+
+def _units(found: Sweep, chain: Chain) -> np.ndarray:
+    """Return the sizes with which each force would explain the whole residual."""
+    whole = np.linalg.norm(found.residual)
+    return np.array([whole / np.linalg.norm(found.sizes[name]) for name in chain.names])
 
 
 def _most_likely(
