@@ -83,7 +83,10 @@ def open_study(path: Path | str, *, needs_runs: bool = True, inner: Inner | None
     if needs_runs and not study.experiments:
         raise StudyError(f"{study.path}: the study has no [[experiment]], so there is nothing to fit; add a run.")
     model = load_model(study.model)
-    added = _added(study, model)
+    known, card_findings = _known_cards(study)
+    if card_findings and study.model.add:
+        raise StudyError("\n".join(card_findings))
+    added = _added(study, model, known)
     model = insert_all(model, added)
     names = frozenset(name for run in study.experiments if run.role == "train" for name in (*run.outputs, *run.start))
     system = assemble(model, states=dict.fromkeys(names, "prefer"))
@@ -99,8 +102,8 @@ def open_study(path: Path | str, *, needs_runs: bool = True, inner: Inner | None
         system = assemble(model, states=dict.fromkeys(names, "prefer"))
     runs, wrong = _runs(study, system, added, inner(model) if inner and has_fmus else None)
     findings += wrong
-    cards, wrong = _cards(study)
-    findings += wrong
+    cards, wrong = _chosen(study, known)
+    findings += card_findings or wrong
     findings += _wrong_places(study, model, cards) + _wrong_scores(study, system, runs)
     if findings:
         raise StudyError("\n".join(dict.fromkeys(findings)))
@@ -262,7 +265,7 @@ def _outside(entry: FreeParameter, declared: Parameter) -> str:
     return ""
 
 
-def _added(study: Study, model: Component) -> tuple[Insertion, ...]:
+def _added(study: Study, model: Component, cards: tuple[Card, ...]) -> tuple[Insertion, ...]:
     """Return the effects that the study adds to its model; each may stand behind one added before it.
 
     Raises
@@ -273,7 +276,7 @@ def _added(study: Study, model: Component) -> tuple[Insertion, ...]:
     found: list[Insertion] = []
     for entry in study.model.add:
         try:
-            found.append(insertion_at(model, entry.effect, entry.at))
+            found.append(insertion_at(model, entry.effect, entry.at, cards=cards))
         except ModelError as error:
             raise StudyError(f"{study.path}: `model.add`: {error}") from None
         if [insertion.prefix for insertion in found].count(found[-1].prefix) > 1:
@@ -320,13 +323,17 @@ def _state_names(system: System, outputs: Iterable[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _cards(study: Study) -> tuple[tuple[Card, ...], list[str]]:
-    findings = []
+def _known_cards(study: Study) -> tuple[tuple[Card, ...], list[str]]:
+    """Return all cards, the study's own with them, or what is wrong with those."""
     try:
-        cards = catalogue(*study.discover.cards)
+        return catalogue(*study.discover.cards), []
     except (ModelError, StudyError) as error:
-        cards = catalogue()
-        findings.append(f"{study.path}: `discover.cards`: {error}")
+        return catalogue(), [f"{study.path}: `discover.cards`: {line}" for line in str(error).splitlines()]
+
+
+def _chosen(study: Study, cards: tuple[Card, ...]) -> tuple[tuple[Card, ...], list[str]]:
+    """Return the cards that the study lets be tried, and what is wrong with the names by which it does."""
+    findings: list[str] = []
     known = [card.id for card in cards]
     for key, names in (("include", study.discover.include or ()), ("exclude", study.discover.exclude)):
         for name in (name for name in names if name not in known):

@@ -313,9 +313,11 @@ def margin_of(gain: float) -> float:
 
 
 def is_composite(insertion: Insertion) -> bool:
-    """Return whether an effect between two parts contains another one of the catalogue."""
+    """Return whether an effect between two parts contains another one of the catalogue, or of a user's own file."""
     card = insertion.card
-    return card.insertion == "series" and any(card.id in other.nested_in for other in catalogue())
+    if card.insertion != "series":
+        return False
+    return bool(card.contains) or any(card.id in other.nested_in for other in catalogue())
 
 
 def ordered(judged: list[Candidate], second: Callable[[Candidate, Candidate], str]) -> list[Candidate]:

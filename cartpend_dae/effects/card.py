@@ -110,6 +110,8 @@ class Card:
     creeping
         The same effect where it creeps instead of sticking. It is tried where a law that contains this one is weaker at
         rest than in motion, which no contact is that sticks.
+    contains
+        Effects that name this one in their `nested_in`; `catalogue` fills it in for cards of a file.
     """
 
     id: str
@@ -136,6 +138,7 @@ class Card:
     resonates: bool = False
     knocks: bool = False
     creeping: "Card | None" = None
+    contains: tuple[str, ...] = ()
 
     def starts(self, kind: Kind) -> tuple[dict[str, float], ...]:
         """Return every combination of values of shapes and choices from which to start, by name of the parameter."""

@@ -1,9 +1,12 @@
 """The effects that `discover` tries."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 from cartpend_dae.effects.card import Card
+from cartpend_dae.effects.card_check import card_findings
 from cartpend_dae.effects.elastic import elastic_cards
 from cartpend_dae.effects.electrical import electrical_cards
 from cartpend_dae.effects.friction import friction_cards
@@ -23,21 +26,31 @@ def catalogue(*files: Path | str) -> tuple[Card, ...]:
     Parameters
     ----------
     files
-        Python files with effects of a user's own: every `Card` that stands in one by a name of its own is taken.
-        A card of the package's own id takes the place of all those.
+        Python files with effects of a user's own: every `Card` that stands in one by a name of its own is taken, once
+        if it has several. A card of the package's own id takes the place of all those.
 
     Raises
     ------
     StudyError
         If a file cannot be read or fails.
     ModelError
-        If a file has no card.
+        If a file has no card, or cards are wrong; one line for each finding.
     """
-    found = list(_own())
-    for file in files:
-        own = cards_of(Path(file))
-        found = [card for card in found if all(card.id != other.id for other in own)] + list(own)
+    found, read = list(_own()), [(Path(file), cards_of(Path(file))) for file in files]
+    everything = [*found, *(card for _, own in read for card in own)]
+    known = {str(card.id) for card in everything}
+    wrong = [f"{file}: {text}" for file, own in read for card in own for text in card_findings(card, known)]
+    if wrong:
+        raise ModelError("\n".join(wrong))
+    for _, own in read:
+        ours = [card if not (inside := _inside(card, everything)) else replace(card, contains=inside) for card in own]
+        found = [card for card in found if all(card.id != other.id for other in own)] + ours
     return tuple(sorted(found, key=lambda card: (len(card.parameters), card.id)))
+
+
+def _inside(card: Card, everything: Sequence[Card]) -> tuple[str, ...]:
+    """Return the ids of the effects that a card contains."""
+    return tuple(sorted({other.id for other in everything if card.id in other.nested_in}))
 
 
 @cache
@@ -66,23 +79,47 @@ def cards_of(file: Path) -> tuple[Card, ...]:
     ModelError
         If it has none.
     """
-    found = tuple(
-        value for value in vars(run_file(file.absolute(), "file of effects")).values() if isinstance(value, Card)
-    )
+    values = vars(run_file(file.absolute(), "file of effects")).values()
+    found = {id(value): value for value in values if isinstance(value, Card)}
     if not found:
         raise ModelError(f"{file}: there is no card in it; write `CARD = Card(id=..., ...)` beside the component.")
-    return found
+    return tuple(found.values())
 
 
-def variants_of(effect: str) -> tuple[Card, ...]:
-    """Return the cards of the package with an id: one effect may be inserted in two manners.
+def checked(cards: Sequence[Card]) -> Sequence[Card]:
+    """Return cards that were given, if those that are not the package's are right.
+
+    Raises
+    ------
+    TypeError
+        If one is no card.
+    ModelError
+        If cards are wrong; one line for each finding.
+    """
+    for given in (cards,) if isinstance(cards, str | Card) else cards:
+        if isinstance(cards, str | Card) or not isinstance(given, Card):
+            shown = repr(given.id) if isinstance(given, Card) else repr(given)
+            raise TypeError(
+                f"`cards` is a tuple of cards, and {shown} is none; write "
+                f"`cards=tuple(card for card in catalogue() if card.id in ({shown},))`."
+            )
+    ours = {id(card) for card in _own()}
+    known = {str(card.id) for card in (*_own(), *cards)}
+    wrong = [text for card in cards if id(card) not in ours for text in card_findings(card, known)]
+    if wrong:
+        raise ModelError("\n".join(wrong))
+    return cards
+
+
+def variants_of(effect: str, cards: Sequence[Card] | None = None) -> tuple[Card, ...]:
+    """Return the cards with an id, of the package if `cards` is None: one effect may be inserted in two manners.
 
     Raises
     ------
     ModelError
         If there is none; the nearest are offered.
     """
-    cards = catalogue()
+    cards = catalogue() if cards is None else cards
     if not (found := tuple(card for card in cards if card.id == effect)):
         raise ModelError(f"There is no effect `{effect}`{nearest(effect, [card.id for card in cards])}")
     return found

@@ -8,7 +8,7 @@ import casadi as ca
 
 from cartpend_dae.alias import alias
 from cartpend_dae.effects.card import Card, E, Kind, Manner, R, T
-from cartpend_dae.effects.catalogue import catalogue
+from cartpend_dae.effects.catalogue import catalogue, checked
 from cartpend_dae.effects.walk import walk
 from cartpend_dae.errors import ModelError
 from cartpend_dae.explain import nearest
@@ -93,8 +93,15 @@ def places(
         Names of measured variables, which are places for sensor effects.
     cards
         The effects; those of the catalogue if None.
+
+    Raises
+    ------
+    TypeError
+        If one of `cards` is no card.
+    ModelError
+        If cards are wrong; one line for each finding.
     """
-    known = catalogue() if cards is None else cards
+    known = catalogue() if cards is None else checked(cards)
     reading = _read(model)
     sensors = (_sensor(model, name) for name in measured)
     found = (*_parallel(model, reading), *_series(model, reading), *_constants(model), *_inputs(model), CLOCK, *sensors)

@@ -18,7 +18,7 @@ VERDICTS: dict[str | None, str] = {
     "unexplained": "not explained",
     None: "calibrated",
 }
-ROLES = {"train": "used for the fit", "select": "used to choose", "test": "never seen by the fit"}
+ROLES = {"train": "used for the fit", "select": "kept to choose", "test": "never seen by the fit"}
 
 
 @dataclass(frozen=True, slots=True)

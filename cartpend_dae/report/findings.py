@@ -227,9 +227,18 @@ def ledger_lines(result: Json) -> list[str]:
         left = step["evidence"].get("largest_z_left")
         found.append(f"{capital(effect(step))} is added; z = {number(left)} is left.")
     if by_role["select"]:
-        found.append(f"{listed(by_role['select'])} chose between candidates.")
+        found.append(f"{listed(by_role['select'])} {_part_of_selection(result)}")
     if by_role["test"]:
         found.append(f"{listed(by_role['test'])} was opened once, at the end, for the errors on this page.")
     else:
         found.append("There is no test run: the errors are those of runs that the fit knew.")
     return found
+
+
+def _part_of_selection(result: Json) -> str:
+    """Say what the runs kept for selection did: they are only read where effects are judged against random forces."""
+    if result.get("regime") == "forces":
+        return "chose between candidates."
+    if result.get("regime") == "noise" and result["candidates"]:
+        return "was not needed: noise alone decided between candidates."
+    return "was not needed: only a search against random forces reads a run that is kept to choose."

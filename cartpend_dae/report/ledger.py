@@ -17,6 +17,7 @@ def ledger(opened: Opened) -> dict[str, Any]:
     """Return the files of a study with their digests, and the versions of what computed the result."""
     study = opened.study
     named = [("study", study.path), ("model", study.model.path)]
+    named += [("effects", path) for path in study.discover.cards]
     named += [(f"{run.role} run {run.name}", run.file) for run in study.experiments]
     files = [_entry(what, path) for what, path in named if path.is_file()]
     return {"files": files, "versions": {"Python": platform.python_version()} | dict(_versions())}
