@@ -200,6 +200,7 @@ def make_problem(
             f"{system.name} leaves {', '.join(f'`{name}`' for name in loose)} to the start of a simulation "
             f"(`unknown(...)`); an estimation needs a number in the model, or the parameter among the free ones."
         )
+    _check_starts(system, experiments)
     experiments = tuple(piece for experiment in experiments for piece in cut(experiment, system))
     outputs = tuple(dict.fromkeys(name for experiment in experiments for name in experiment.outputs))
     for name in outputs:
@@ -218,6 +219,15 @@ def make_problem(
     _check_ties(ties, free)
     limit = np.inf if huber is None else huber
     return Problem(system, free, experiments, outputs, step, ties, limit, events=whole)
+
+
+def _check_starts(system: System, experiments: tuple[Experiment, ...]) -> None:
+    for experiment in experiments:
+        for name in experiment.start:
+            try:
+                system.index_of(name)
+            except ModelError as error:
+                raise ModelError(f"The start of run `{experiment.name}` names `{name}`: {error}") from None
 
 
 def _check_ties(ties: tuple[Tie, ...], free: tuple[Free, ...]) -> None:

@@ -16,6 +16,7 @@ from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, EffectParameter, Insertion, Place
 from cartpend_dae.effects.card import Kind, R, T
 from cartpend_dae.errors import ModelError, SolverError
+from cartpend_dae.explain import nearest
 from cartpend_dae.identify import Fit, estimate
 from cartpend_dae.language import Component
 from cartpend_dae.library import closures
@@ -92,8 +93,11 @@ def closure_at(place: Place, kind: ClosureKind, reach: Reach) -> Insertion:
     Raises
     ------
     ModelError
-        If the place is neither between two flanges nor at an input or a sensor.
+        If there is no such kind, or the place is neither between two flanges nor at an input or a sensor.
     """
+    if kind not in KINDS:
+        kinds = ", ".join(f"`{known}`" for known in KINDS)
+        raise ModelError(f"There is no closure of the kind `{kind}`{nearest(kind, KINDS, f'the kinds are: {kinds}.')}")
     if place.insertion not in ("parallel", "input", "sensor") or place.kind not in _GIVEN:
         raise ModelError(
             f"`{place.at}` is no place for a closure, which stands between two flanges, before an input "

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.records import Candidate, Search, Step
 from cartpend_dae.discover.workbench import Workbench
-from cartpend_dae.effects import Insertion
+from cartpend_dae.effects import Card, Insertion
 
 # bandwidths of the output injection of a fit, one after the other, in units of the dominant frequency
 STAGES = (5.0, 2.0, 0.7, 0.0)
@@ -27,7 +27,18 @@ def refit(bench: Workbench, insertions: tuple[Insertion, ...], *, guess: Mapping
     ------
     SolverError
         If a fit ends without a usable point.
+    TypeError
+        If one of `insertions` is no effect at a place.
     """
+    if isinstance(insertions, Insertion):
+        raise TypeError("`refit` takes a tuple of effects; put a comma behind it: `(insertion_at(...),)`.")
+    for given in insertions:
+        if not isinstance(given, Insertion):
+            shown = given.id if isinstance(given, Card) else given
+            raise TypeError(
+                f"`refit` takes effects at their places, and {shown!r} is none; write "
+                f"`(insertion_at(setup.model, {shown!r}, place),)`."
+            )
     sd = bench.problem(()).prior_sd
     stages = tuple(share * bench.frequency for share in STAGES)
     before = bench.fit((), {}, stages, sd)

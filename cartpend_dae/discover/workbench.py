@@ -12,7 +12,7 @@ from cartpend_dae.discover.records import Setup
 from cartpend_dae.discover.store import Store
 from cartpend_dae.effects import Insertion, insert_all
 from cartpend_dae.effects.walk import component_at
-from cartpend_dae.errors import SolverError
+from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.gauss_newton import ITERATIONS
 from cartpend_dae.identify import Fit, estimate
 from cartpend_dae.language import Component, bindings_of
@@ -212,7 +212,7 @@ class Workbench:
         What decides, at the `last` bandwidth, is fitted on fine steps, where friction or a memory needs them.
         """
         scales = self.scales_of(insertions, stride)
-        label = " + ".join(insertion.prefix for insertion in insertions) or "baseline"
+        label = _label(insertions)
         point = dict(guess)
         most = self.setup.max_iterations or ITERATIONS if iterations is None else iterations
         fit: Fit | None = None
@@ -254,8 +254,10 @@ class Workbench:
                 method=self.setup.method,
                 hessian=self.setup.hessian,
             )
+        except ModelError as error:
+            raise SolverError(f"The fit with `{_label(insertions)}` cannot be done: {error}") from error
         except (np.linalg.LinAlgError, ValueError) as error:  # sensitivities beyond all numbers
-            label = " + ".join(insertion.prefix for insertion in insertions) or "baseline"
+            label = _label(insertions)
             raise SolverError(f"The fit with `{label}` ended where the simulation diverges ({error}).") from error
 
     def contradiction(self, insertion: Insertion, values: Mapping[str, float]) -> str:
@@ -321,6 +323,10 @@ def _is_late(system: System, insertions: tuple[Insertion, ...]) -> bool:
 
 def _key(insertions: tuple[Insertion, ...]) -> tuple[str, ...]:
     return tuple(insertion.content for insertion in insertions)
+
+
+def _label(insertions: tuple[Insertion, ...]) -> str:
+    return " + ".join(insertion.prefix for insertion in insertions) or "baseline"
 
 
 def _finite(bound: float) -> float | None:

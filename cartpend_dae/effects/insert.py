@@ -7,21 +7,22 @@ sensor     variable --[effect]-- its readers     and its name in the records
 input      its source --[effect]-- the input     and its name in the records
 """
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import inf
 from typing import Any
 
 import casadi as ca
 
 from cartpend_dae.effects.card import GIVEN, Card, E, EffectParameter
 from cartpend_dae.effects.catalogue import variants_of
-from cartpend_dae.effects.places import Place, fits, place_at, taken_from
+from cartpend_dae.effects.places import Place, fits, misplaced, place_at, places_at, taken_from
 from cartpend_dae.effects.rebuild import rebuild
 from cartpend_dae.effects.walk import component_at
 from cartpend_dae.errors import ModelError
-from cartpend_dae.language import Component, Port, connect
+from cartpend_dae.language import Component, Port, connect, parameters_of
 from cartpend_dae.library import rotational, translational
-from cartpend_dae.quantities import state_of
+from cartpend_dae.quantities import is_number, state_of
 from cartpend_dae.splice import divert, scale
 
 _FIXED: dict[type[Port], type[Component]] = {
@@ -125,15 +126,22 @@ def insert(
     Raises
     ------
     ModelError
-        If there is no such effect or place.
+        If there is no such effect or place, the effect does not go there, or a value is outside of its bounds.
     TypeError
-        If the effect has no such parameter.
+        If the effect has no such parameter, or the model is a class that was not made.
     """
     return insert_all(model, (effect if isinstance(effect, Insertion) else insertion_at(model, effect, at, values),))
 
 
 def insert_all(model: Component, insertions: Iterable[Insertion]) -> Component:
-    """Return a copy of a model with several effects in it, put there one after the other."""
+    """Return a copy of a model with several effects in it, put there one after the other.
+
+    Raises
+    ------
+    TypeError
+        If the model is a class that was not made.
+    """
+    _check_made(model)
     fresh = rebuild(model)
     for insertion in insertions:
         _put(fresh, insertion)
@@ -164,19 +172,60 @@ def _put(fresh: Component, insertion: Insertion) -> None:
 
 
 def insertion_at(
-    model: Component, effect: Card | str, at: Place | str | None, values: Mapping[str, float] | None = None
+    model: Component,
+    effect: Card | str,
+    at: Place | str | None,
+    values: Mapping[str, float] | None = None,
+    *,
+    cards: Sequence[Card] | None = None,
 ) -> Insertion:
-    """Return an effect at a place of a model; arguments and errors are those of `insert`."""
-    variants = variants_of(effect) if isinstance(effect, str) else (effect,)
+    """Return an effect at a place of a model; arguments and errors are those of `insert`.
+
+    An id is looked up among `cards`, those of the package if None.
+    """
+    _check_made(model)
+    variants = variants_of(effect, cards) if isinstance(effect, str) else (effect,)
+    found = _insertion(model, variants, at, values or {})
+    _check_values(found)
+    return found
+
+
+def _insertion(
+    model: Component, variants: tuple[Card, ...], at: Place | str | None, values: Mapping[str, float]
+) -> Insertion:
     if isinstance(at, Place):
-        card = next((card for card in variants if fits(card, at)), variants[-1])
-        return Insertion(card, at, values or {})
+        # that another place moves alike is a matter of what data can tell, not of where an effect can be put
+        alone = replace(at, rival=None, is_behind=False)
+        for card in variants:
+            if fits(card, alone):
+                return Insertion(card, at, values)
+        raise ModelError(misplaced(model, variants[-1], at.at, list(places_at(model, variants[-1], at.at))))
     for card in variants[:-1]:
         try:
-            return Insertion(card, place_at(model, card, at or ""), values or {})
+            return Insertion(card, place_at(model, card, at or ""), values)
         except ModelError:  # it does not go there; the next one may
             continue
-    return Insertion(variants[-1], place_at(model, variants[-1], at or ""), values or {})
+    return Insertion(variants[-1], place_at(model, variants[-1], at or ""), values)
+
+
+def _check_made(model: Component) -> None:
+    if isinstance(model, type):
+        raise TypeError(f"An effect goes into a model that was made: write `{model.__name__}()`, not the class.")
+
+
+def _check_values(insertion: Insertion) -> None:
+    """Check that values lie within the bounds that the component of the effect declares."""
+    declared = parameters_of(insertion.card.components[insertion.place.kind])
+    for name, value in insertion.values.items():
+        if name not in declared or not is_number(value):
+            continue
+        one = declared[name].declaration
+        low, high = (-inf if one.min is None else one.min), (inf if one.max is None else one.max)
+        if not low <= value <= high:
+            raise ModelError(
+                f"`{insertion.prefix}.{name}` is {value:g} {one.unit}, outside of its bounds "
+                f"[{low:g}, {high:g}] {one.unit}; give a value inside."
+            )
 
 
 def _given(insertion: Insertion) -> dict[str, Any]:

@@ -149,16 +149,26 @@ def place_at(model: Component, card: Card, at: str) -> Place:
     ModelError
         If there is no such place; the nearest ones are offered.
     """
+    found = places_at(model, card, at)
+    if at not in found:
+        raise ModelError(misplaced(model, card, at, list(found)))
+    return found[at]
+
+
+def places_at(model: Component, card: Card, at: str) -> dict[str, Place]:
+    """Return the places for the effect of a card by name; of several called `at`, the one at which something moves."""
     named = list(_named(model, card))
     if card.load or sum(place.at == at for place in named) > 1:
         named = _moving(model, named)
-    found = {place.at: place for place in named if fits(card, place)}
-    if at not in found:
-        raise ModelError(
-            f"`{at}` is no place for `{card.id}` in {type(model).__name__}, which goes {_WHERE[card.insertion]}"
-            f"{nearest(at, list(found))}"
-        )
-    return found[at]
+    return {place.at: place for place in named if fits(card, place)}
+
+
+def misplaced(model: Component, card: Card, at: str, known: list[str]) -> str:
+    """Return the sentence for a place at which an effect does not go, with the nearest ones at which it does."""
+    return (
+        f"`{at}` is no place for `{card.id}` in {type(model).__name__}, which goes {_WHERE[card.insertion]}"
+        f"{nearest(at, known)}"
+    )
 
 
 def _moving(model: Component, named: list[Place]) -> list[Place]:
