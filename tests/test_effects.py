@@ -9,7 +9,7 @@ import pytest
 from effect_scenes import CARDS
 
 from cartpend_dae import Component, ModelError, StudyError, assemble, connect, simulate
-from cartpend_dae.effects import Insertion, catalogue, fits, insert, places
+from cartpend_dae.effects import Insertion, catalogue, fits, insert, insertion_at, places
 from cartpend_dae.effects.rebuild import rebuild
 from cartpend_dae.effects.walk import component_at, walk
 from cartpend_dae.library import electrical_losses, rotational, translational
@@ -376,3 +376,41 @@ def test_a_study_names_files_of_effects(own_file, tmp_path):
     study.write_text(f'[model]\npath = "{model}"\n[discover]\ncards = ["none.py"]\n')
     with pytest.raises(StudyError, match=r"`discover.cards`: .*none\.py: there is no such file of effects"):
         open_study(study, needs_runs=False)
+
+
+def test_an_effect_does_not_go_to_a_place_of_another_manner():
+    (bearing,) = (place for place in parallel(RotaDamp()) if place.at == "bearing")
+    with pytest.raises(ModelError, match=r"`bearing` is no place for `sensor_gain` in RotaDamp.*`bearing\.phi`"):
+        insert(RotaDamp(), "sensor_gain", bearing)
+    assert insert(RotaDamp(), "coulomb_friction", bearing)
+
+
+@pytest.mark.parametrize(
+    ("effect", "at", "values", "why"),
+    [
+        (
+            "coulomb_friction",
+            "bearing",
+            {"tau_c": -1.0},
+            r"`bearing\.coulomb_friction\.tau_c` is -1 N\.m, outside .*\[0, inf",
+        ),
+        (
+            "saturation",
+            "amplifier.u",
+            {"e": 2.0},
+            r"`amplifier\.u\.saturation\.e` is 2, outside of its bounds \[0, 1\]",
+        ),
+    ],
+)
+def test_a_value_of_an_effect_lies_within_its_bounds(effect, at, values, why):
+    model = RotaDamp() if at == "bearing" else DrivenCart()
+    with pytest.raises(ModelError, match=why):
+        insert(model, effect, at, **values)
+
+
+def test_an_effect_goes_into_a_model_that_was_made():
+    for go in (insert, insertion_at):
+        with pytest.raises(TypeError, match=r"a model that was made: write `RotaDamp\(\)`, not the class"):
+            go(RotaDamp, "coulomb_friction", "bearing")
+    with pytest.raises(TypeError, match="not the class"):
+        insert(RotaDamp, insertion_at(RotaDamp(), "coulomb_friction", "bearing"))

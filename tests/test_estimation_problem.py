@@ -10,6 +10,9 @@ from test_identify import experiment_of
 from cartpend_dae import Component, ModelError, Param, Statements, assemble, connect, initial, insert, param, simulate
 from cartpend_dae.data import Channel, Start
 from cartpend_dae.directions import blind_directions
+from cartpend_dae.discover import FreeSpec, Setup, Workbench, refit
+from cartpend_dae.effects import catalogue, insertion_at
+from cartpend_dae.errors import SolverError
 from cartpend_dae.identify import estimate
 from cartpend_dae.library import electrical, rotational, translational
 from cartpend_dae.problem import free_parameter, make_problem
@@ -55,6 +58,35 @@ def test_the_logarithm_has_the_same_optimum_and_a_lopsided_interval():
     assert low * high == pytest.approx(found.value**2, rel=1e-9)
     with pytest.raises(ModelError, match=r"`bearing\.d` starts at 0 .*must be positive"):
         free_parameter(system, "bearing.d", guess=0.0, is_log=True)
+
+
+def test_an_unknown_name_of_a_start_is_said_before_the_first_fit():
+    """It was said by the first fit, which called it a divergence."""
+    run = release(0.5)
+    wrong = replace(run, start=run.start | {"bearing.phy": Start(0.1, False)})
+    why = r"The start of run `run` names `bearing\.phy`: RotaDamp has no variable .* did you mean `bearing\.phi`"
+    with pytest.raises(ModelError, match=why):
+        make_problem(RotaDamp(), (), (wrong,))
+    with pytest.raises(ModelError, match=why):
+        refit(Workbench(Setup(RotaDamp(), (), (wrong,), (), ())), ())
+
+
+def test_what_cannot_be_fitted_is_not_called_a_divergence():
+    run = replace(release(0.5), start={"bearing.flange_b.tau": Start(0.0, True)})
+    with pytest.raises(SolverError, match=r"The fit with `baseline` cannot be done: .* cannot be free: it is not a st"):
+        refit(Workbench(Setup(RotaDamp(), (FreeSpec("bearing.d"),), (run,), (), ())), ())
+
+
+def test_what_is_refitted_is_an_effect_at_its_place():
+    bench = Workbench(Setup(RotaDamp(), (FreeSpec("bearing.d"),), (release(0.5),), (), ()))
+    with pytest.raises(
+        TypeError, match=r"'coulomb_friction' is none; write `\(insertion_at\(setup\.model, 'coulomb_fr"
+    ):
+        refit(bench, ("coulomb_friction",))
+    with pytest.raises(TypeError, match=r"'quadratic_drag' is none"):
+        refit(bench, tuple(card for card in catalogue() if card.id == "quadratic_drag"))
+    with pytest.raises(TypeError, match="takes a tuple of effects; put a comma behind it"):
+        refit(bench, insertion_at(RotaDamp(), "coulomb_friction", "bearing"))
 
 
 class TwoSprings(Component):

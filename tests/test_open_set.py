@@ -52,6 +52,15 @@ def test_a_closure_does_not_stand_in_series():
         closure_at(series, "spline", REACH)
 
 
+def test_a_closure_is_of_a_kind_that_there_is():
+    with pytest.raises(
+        ModelError, match=r"no closure of the kind `neural`; the kinds are: `spline`, `process`, `netwo"
+    ):
+        closure_at(load_place(LinearDampMod()), "neural", REACH)
+    with pytest.raises(ModelError, match=r"no closure of the kind `splines`; did you mean `spline`\?"):
+        closure_at(load_place(LinearDampMod()), "splines", REACH)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_closure_before_an_input_or_behind_a_sensor_is_absent_at_first_and_then_felt(kind):
     reach = Reach(middle=0.0, half=6.0, speed=1.0, force=1.0)

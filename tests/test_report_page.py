@@ -166,6 +166,24 @@ def test_the_ledger_says_whether_structure_is_left(z, is_more, words):
     assert said[0] == f"The model as it was is fitted on first; {words}: z = {number(z)} (limit 4)."
 
 
+@pytest.mark.parametrize(
+    ("regime", "n_candidates", "words"),
+    [
+        ("forces", 1, "chose between candidates."),
+        ("noise", 1, "was not needed: noise alone decided between candidates."),
+        ("noise", 0, "was not needed: only a search against random forces reads a run that is kept to choose."),
+        ("disturbances", 1, "was not needed: only a search against random forces reads a run that is kept to choose."),
+        (None, 0, "was not needed: only a search against random forces reads a run that is kept to choose."),
+    ],
+)
+def test_the_ledger_says_of_a_run_of_selection_what_it_did(regime, n_candidates, words):
+    """It is read where effects are judged against random forces, and nowhere else."""
+    gate = {"baseline": {"largest": 9.0, "is_more_than_noise": True}, "limit": 4.0}
+    runs = {"first": {"role": "train"}, "second": {"role": "select"}}
+    result = {"candidates": [{}] * n_candidates, "baseline": {"experiments": runs}, "gate": gate, "steps": []}
+    assert f"second {words}" in findings.ledger_lines(result | {"regime": regime})
+
+
 def test_rates_have_their_intervals():
     """1 of 20: 0.1 to 25 % (Clopper and Pearson); 20 of 20: 83 to 100 %."""
     rates = [{"removed": None, "n": 20, "hits": 1}, {"removed": "bearing.coulomb_friction", "n": 20, "hits": 20}]

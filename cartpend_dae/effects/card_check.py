@@ -106,7 +106,8 @@ def _of_components(card: Card) -> Iterator[str]:
 
 
 def _of_component(card: Card, kind: Kind, cls: type[Component]) -> Iterator[str]:
-    declared, reached = parameters_of(cls), [*ports_of(cls), *variables_of(cls)]
+    declared, ports = parameters_of(cls), ports_of(cls)
+    reached = [*ports, *variables_of(cls)]
     items = card.parameters if isinstance(card.parameters, tuple | list) else ()
     items = [item for item in items if isinstance(item, EffectParameter)]
     named = [item.names[kind] for item in items if kind in item.names]
@@ -114,6 +115,10 @@ def _of_component(card: Card, kind: Kind, cls: type[Component]) -> Iterator[str]
     for name in _ends(card, kind):
         if name not in reached:
             yield f"it is joined by `{name}`, but `{cls.__name__}` has none{nearest(name, reached)}"
+        elif name in ports and ports[name].kind is not kind:
+            own = _WORDS.get(ports[name].kind, ports[name].kind.__name__)
+            cure = f"write `{{{own}: {cls.__name__}}}`"
+            yield f"`{name}` of `{cls.__name__}` is a `{own}`, and no `{_WORDS[kind]}`; {cure}."
     for name in (*named, *taken):
         if name not in declared:
             none = "it declares none: write `d: Param = param(unit=..., default=0.0)` in it."
@@ -147,7 +152,8 @@ def _of_parameter(item: EffectParameter, kind: Kind, cls: type[Component]) -> It
     for start in starts:
         if not low <= start <= high:
             cure = "let them contain 0, where the effect is absent" if item.role == "size" else "start inside"
-            yield f"{where} starts at {start:g}, outside of the bounds [{low:g}, {high:g}] of card and component; {cure}."
+            bounds = f"[{low:g}, {high:g}] of card and component"
+            yield f"{where} starts at {start:g}, outside of the bounds {bounds}; {cure}."
 
 
 def _ends(card: Card, kind: Kind) -> tuple[str, ...]:

@@ -222,9 +222,10 @@ def _check_values(insertion: Insertion) -> None:
         one = declared[name].declaration
         low, high = (-inf if one.min is None else one.min), (inf if one.max is None else one.max)
         if not low <= value <= high:
+            unit = "" if one.unit == "1" else f" {one.unit}"
             raise ModelError(
-                f"`{insertion.prefix}.{name}` is {value:g} {one.unit}, outside of its bounds "
-                f"[{low:g}, {high:g}] {one.unit}; give a value inside."
+                f"`{insertion.prefix}.{name}` is {value:g}{unit}, outside of its bounds [{low:g}, {high:g}]{unit}; "
+                f"give a value inside."
             )
 
 
