@@ -174,8 +174,8 @@ def _first_sets(found: Sweep, chain: Chain, near: Forces | None) -> tuple[np.nda
 
 def _units(found: Sweep, chain: Chain) -> np.ndarray:
     """Return the sizes with which each force would explain the whole residual."""
-    whole = np.linalg.norm(found.residual)
-    return np.array([whole / np.linalg.norm(found.sizes[name]) for name in chain.names])
+    whole, columns = np.linalg.norm(found.residual), {**found.rough, **found.sizes}
+    return np.array([whole / np.linalg.norm(columns[name]) for name in chain.names])
 
 
 def _most_likely(
