@@ -396,6 +396,28 @@ def test_an_addition_without_which_the_model_diverges_stays(monkeypatch, plain_f
     assert revise.prune(bench, base, steps, rules, 10) == (base, steps)
 
 
+def test_of_the_whole_the_last_addition_is_taken_back_too_and_one_stays(monkeypatch, plain_fit, bench, fitted):
+    """After another effect took the place of an earlier one, the last one may do nothing any more."""
+    at = [fitted(effect, 0.0, 0.0) for effect in ("coulomb_friction", "cubic_stiffness")]
+    steps = [step_of(one, residuals(plain_fit), [one]) for one in at]
+    taken = tuple(one.insertion for one in at)
+    base = Base(taken, {0.0: plain_fit}, 2 * plain_fit.chi2)
+    rules = Rules("noise", (0.0,), 0.0, np.array([1e-3]))
+    needed = {taken[0].prefix}
+
+    def without(bench, fewer, *_):
+        lacks = needed - {insertion.prefix for insertion in fewer}
+        chi2 = plain_fit.chi2 * (2.0 if lacks else 1.0)
+        return Base(fewer, {0.0: replace(plain_fit, chi2=chi2)}, 2 * plain_fit.chi2)
+
+    monkeypatch.setattr(revise, "followed", without)
+    assert revise.prune(bench, base, steps, rules, 10) == (base, steps)
+    after, left = revise.prune(bench, base, steps, rules, 10, whole=True)
+    assert (after.taken, left) == (taken[:1], steps[:1])
+    needed.clear()
+    assert len(revise.prune(bench, base, steps, rules, 10, whole=True)[1]) == 1
+
+
 def test_the_last_additions_are_taken_back_while_they_explain_less_than_is_left(monkeypatch, bench, plain_fit, fitted):
     n = plain_fit.n_residuals
     left = {0: 1000.0, 1: 300.0, 2: 150.0, 3: 80.0}

@@ -34,8 +34,8 @@ POLISHED = 3
 # sensitivities beyond this are those of a simulation that runs away
 DIVERGED = 1e50
 LOST = "its simulation diverges"
-# columns of which no more is left are not told from what is fitted already; along a direction of which no more is left
-# sizes are held by this weight, as bounds would otherwise let them run away
+# columns of which no more is left are not told from what is fitted already; sizes are held by this weight, as bounds
+# let them run away along directions of which no more is left
 BLIND, HELD = 1e-8, 1e-4
 TINY = 1e-150
 # columns that are whitened at once, which bounds the memory
@@ -233,8 +233,8 @@ def _bounded(gram: np.ndarray, own: list[int], bounds: list[tuple[float, float]]
     if not good.any():
         return float(products[0, 0]), np.zeros(len(own))
     root = np.sqrt(values[good])
-    matrix = np.vstack([root[:, None] * vectors[:, good].T, HELD * vectors[:, ~good].T])
-    target = np.r_[-(vectors[:, good] / root).T @ products[own, 0], np.zeros(len(own) - root.size)]
+    matrix = np.vstack([root[:, None] * vectors[:, good].T, HELD * np.eye(len(own))])
+    target = np.r_[-(vectors[:, good] / root).T @ products[own, 0], np.zeros(len(own))]
     low, high = (np.array(side) * lengths[own] for side in zip(*bounds, strict=True))
     found = lsq_linear(matrix, target, (low, high), method="bvls", tol=1e-12).x
     found[np.abs(found) < 1e-6 * np.abs(found).max(initial=0.0)] = 0.0
