@@ -1,5 +1,6 @@
 """Data made from the outcome of a search, the search repeated on them, and what would tell rival answers apart."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -116,6 +117,16 @@ def test_no_experiment_is_planned_for_a_rival_that_the_runs_refute(bench):
     assert after.steps[0].aliases == ("dahl_friction at bearing",)
     split = Split(told.chosen, told.rival, (("release", 30.0),))
     assert still_alike(search, (split,)).steps[0].aliases == ("quadratic_drag at bearing",)
+
+
+def test_a_discovery_names_no_rival_that_its_runs_tell_apart(bench, monkeypatch):
+    """The demonstration said of one rival both that the runs cannot tell it, and that they do."""
+    search, _ = drag_as_rival(bench)
+    assert search.steps[0].aliases
+    monkeypatch.setattr(sys.modules["cartpend_dae.discover.prove"], "search", lambda *_, **__: search)
+    found = discover(bench.setup, cards=CARDS)
+    assert found.beyond.splits[0].times is not None
+    assert found.search.steps[0].aliases == ()
 
 
 def test_a_larger_release_splits_two_kinds_of_drag():

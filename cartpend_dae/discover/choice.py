@@ -194,9 +194,8 @@ def step_of(winner: Candidate, gate: Gate, ranked: list[Candidate]) -> Step:
     """
     alike = [other for other in ranked if _is_alike(winner, other)]
     richer = [other for other in alike if contains(other, winner, ranked)]
-    same = [f"{winner.insertion.card.id} at {place}" for place in winner.insertion.place.same_motion]
     rivals = [named(other) for other in alike if other not in richer]
-    return Step(winner, gate, (*same, *rivals), tuple(named(other) for other in richer))
+    return Step(winner, gate, (*_elsewhere(winner), *rivals), tuple(named(other) for other in richer))
 
 
 def step_beside(part: Candidate, gate: Gate, ranked: list[Candidate]) -> Step:
@@ -206,8 +205,12 @@ def step_beside(part: Candidate, gate: Gate, ranked: list[Candidate]) -> Step:
     """
     able = [c for c in ranked if not (contains(c, part, ranked) or contains(part, c, ranked))]
     alike = [c for c in able if are_parallel(part, c)]
-    same = [f"{part.insertion.card.id} at {place}" for place in part.insertion.place.same_motion]
-    return Step(part, gate, (*same, *map(named, alike)))
+    return Step(part, gate, (*_elsewhere(part), *map(named, alike)))
+
+
+def _elsewhere(candidate: Candidate) -> list[str]:
+    """Return the names of an effect at the places that move as its own does."""
+    return [f"{candidate.insertion.card.id} at {place}" for place in candidate.insertion.place.same_motion]
 
 
 def named(candidate: Candidate) -> str:

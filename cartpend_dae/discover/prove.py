@@ -9,7 +9,7 @@ from cartpend_dae.discover.open_set import OpenSet, open_set
 from cartpend_dae.discover.rates import Rate, rates
 from cartpend_dae.discover.records import Regime, Search, Setup
 from cartpend_dae.discover.search import search
-from cartpend_dae.discover.split import Split, splits
+from cartpend_dae.discover.split import Split, splits, still_alike
 from cartpend_dae.discover.store import Store
 from cartpend_dae.discover.workbench import Workbench, assembled, fine_step, last_bandwidth, renamed, set_values
 from cartpend_dae.effects import Card, Insertion, Place, catalogue, insert_all, places
@@ -121,7 +121,7 @@ def discover(
             found = _beyond(bench, outcome, cards, only_at, regime, placebo, power)
         except KeyboardInterrupt:
             outcome = replace(outcome, interrupted=True)
-    return prove(setup, outcome, found)
+    return prove(setup, still_alike(outcome, found.splits), found)
 
 
 def _places(setup: Setup, cards: tuple[Card, ...], only_at: tuple[str, ...] | None) -> tuple[Place, ...]:
