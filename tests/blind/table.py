@@ -234,7 +234,8 @@ def main(argv: list[str] | None = None) -> int:
     else:
         lines += history
     print("\n".join(lines))
-    further = "".join(f" --before {before}" for before in options.before)
+    chosen = f" --package {options.package}" if options.package else ""
+    further = chosen + "".join(f" --before {before}" for before in options.before)
     if options.write:
         pages = f" --history {options.history}" if options.history else ""
         put_into(options.write, TITLE, COMMAND.format(seeds_of(found, package)) + pages + further, lines)
