@@ -61,7 +61,7 @@ def carry_out(
         with kept_stages(out, resume=resume) as kept:
             found = _computed(opened, order, jobs=jobs, report=report, stages=kept.folder)
             _write(out, opened, found, time.monotonic() - begin, jobs)
-            kept.is_done = not (isinstance(found, Discovery) and found.search.interrupted)
+            kept.is_done = not (isinstance(found, Discovery) and found.interrupted)
         return found
 
 

@@ -357,15 +357,31 @@ def usual_stride(system: System) -> float:
 
 
 def dominant_frequency(experiments: tuple[Experiment, ...]) -> float:
-    """Return the angular frequency of the strongest line in any measured output [rad/s]."""
+    """Return the angular frequency of the strongest line in any measured output [rad/s].
+
+    Raises
+    ------
+    ModelError
+        If nothing is measured, or an output has another number of values than there are times.
+    """
     found = []
     for experiment in experiments:
-        for channel in experiment.outputs.values():
+        for name, channel in experiment.outputs.items():
             known = np.isfinite(channel.values)
+            if known.size != experiment.time.size:
+                raise ModelError(
+                    f"Run `{experiment.name}` has {known.size} values of `{name}` and {experiment.time.size} times; "
+                    f"give one value for each time."
+                )
+            if not known.any():
+                continue
             grid = np.linspace(experiment.time[0], experiment.time[-1], experiment.time.size)
             values = np.interp(grid, experiment.time[known], channel.values[known])
             values = values - np.polyval(np.polyfit(grid, values, 1), grid)
             power = np.abs(np.fft.rfft(values * np.hanning(values.size))) ** 2
             frequency = 2 * np.pi * np.fft.rfftfreq(values.size, grid[1] - grid[0])
             found.append(float(frequency[1:][np.argmax(power[1:])]))
+    if not found:
+        names = ", ".join(f"`{experiment.name}`" for experiment in experiments) or "none"
+        raise ModelError(f"Nothing is measured in the training runs ({names}); give a run with an output.")
     return max(found)

@@ -202,15 +202,16 @@ def discover_study(
         store=None if stages is None else store_for(opened.setup, stages, further_of(opened)),
         placebo=placebo,
         power=power,
+        seed=opened.study.discover.seed,
         beyond=beyond,
     )
 
 
 def further_of(opened: Opened) -> tuple[object, ...]:
-    """Return what the result of a search depends on besides its setup and the package."""
+    """Return what the result of a discovery depends on besides its setup and the package."""
     options = opened.study.discover
     own = tuple(file.read_bytes().hex() for file in options.cards)
-    return own, tuple(card.id for card in opened.cards), opened.places, options.max_steps, opened.regime
+    return own, tuple(card.id for card in opened.cards), opened.places, options.max_steps, opened.regime, options.seed
 
 
 def silent(stage: str, label: str, error: float) -> None:

@@ -5,11 +5,12 @@ behind every sensor an error. All of them are fitted jointly by a Kalman smoothe
 parameters of the model free to move; a place counts by how much less likely the data are without it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cartpend_dae.discover.asked import check_places, named_places
 from cartpend_dae.discover.linear_runs import LinearRuns, linear_runs
 from cartpend_dae.discover.portrait import Portrait, portrait, unit_at
 from cartpend_dae.discover.smoother import TINY, Smoothed, imagined, likely, smooth
@@ -31,7 +32,7 @@ FINER = (3, 9)
 # columns of a transfer matrix are parallel below this ratio of its singular values
 PARALLEL = 1e-5
 SAME = 1e-9
-PLACEBOS, SEED = 4, 0
+PLACEBOS = 4
 # steps of the variances where they only have to be compared
 ROUGHLY = 5
 # sizes that are tried of each input, over one that lasts all the time
@@ -95,7 +96,8 @@ def localize(
     taken: tuple[Insertion, ...] = (),
     fit: Fit | None = None,
     *,
-    only_at: tuple[str, ...] | None = None,
+    only_at: str | Sequence[str] | None = None,
+    seed: int = 0,
 ) -> Localisation:
     """Estimate what acts on a model besides what is in it, and where.
 
@@ -108,22 +110,25 @@ def localize(
     fit
         Where to begin the fit that follows the data; the guesses if None.
     only_at
-        Names of the places to look at; all if None.
+        Names of the places to look at, or that of one; all if None.
+    seed
+        Which noise the placebo is made of.
 
     Raises
     ------
     ModelError
-        If there is no place at which something could act.
+        If there is no place at which something could act, or none of a name in `only_at`.
     SolverError
         If the model cannot be followed along its data.
     """
+    only_at = named_places(only_at)
     names = tuple(insertion.content for insertion in taken)
-    depends = names, fit.point if fit is not None else None, only_at
-    return bench.store.recall("places", depends, lambda: _localized(bench, taken, fit, only_at))
+    depends = names, fit.point if fit is not None else None, only_at, seed
+    return bench.store.recall("places", depends, lambda: _localized(bench, taken, fit, only_at, seed))
 
 
 def _localized(
-    bench: Workbench, taken: tuple[Insertion, ...], fit: Fit | None, only_at: tuple[str, ...] | None
+    bench: Workbench, taken: tuple[Insertion, ...], fit: Fit | None, only_at: tuple[str, ...] | None, seed: int
 ) -> Localisation:
     unknown = unknown_inputs(bench, only_at)
     sd, guess = bench.problem(taken).prior_sd, fit.point if fit is not None else {}
@@ -139,7 +144,7 @@ def _localized(
     unknown = tuple(unknown[group[0]] for group in twins)
     weighed = _weighed(linearised)
     linear, evidence, inputs = weighed.linear, weighed.evidence, weighed.inputs
-    placebo = _placebo(linear, weighed.variances)
+    placebo = _placebo(linear, weighed.variances, seed)
     alike, seen = _structure(linear)
     names = [insertion.place.at for insertion in unknown]
     rms = [float(np.sqrt(np.mean(np.concatenate([part[:, i] for part in inputs]) ** 2))) for i in range(len(names))]
@@ -167,18 +172,24 @@ def _localized(
 
 
 def unknown_inputs(bench: Workbench, only_at: tuple[str, ...] | None = None) -> tuple[Insertion, ...]:
-    """Return an unknown input at every place of the model, or at those named: a load, a drive or a reading."""
+    """Return an unknown input at every place of the model, or at those named: a load, a drive or a reading.
+
+    Raises
+    ------
+    ModelError
+        If there is no place at which something could act, or none of a name.
+    """
     measured = tuple(dict.fromkeys(name for run in bench.setup.train for name in run.outputs))
     cards = _cards()
     found = tuple(
-        Insertion(card, place)
-        for place in places(bench.setup.model, measured)
-        for card in cards
-        if fits(card, place) and (only_at is None or place.at in only_at)
+        Insertion(card, place) for place in places(bench.setup.model, measured) for card in cards if fits(card, place)
     )
     if not found:
         raise ModelError("There is no place in this model at which an unknown force, voltage or reading could act.")
-    return found
+    if only_at is None:
+        return found
+    check_places(only_at, [insertion.place.at for insertion in found], "at which an unknown input could act")
+    return tuple(insertion for insertion in found if insertion.place.at in only_at)
 
 
 def _cards() -> tuple[Card, ...]:
@@ -267,9 +278,9 @@ def _together(linear: LinearRuns) -> tuple[np.ndarray, np.ndarray, Smoothed]:
     return alone, variances[first : first + 1], both.only(first)
 
 
-def _placebo(linear: LinearRuns, variances: np.ndarray) -> np.ndarray:
+def _placebo(linear: LinearRuns, variances: np.ndarray, seed: int) -> np.ndarray:
     """Return the rms of each input's estimate where that input is absent and the others are as large as they are."""
-    n, generator = len(linear.unknown), np.random.default_rng(SEED)
+    n, generator = len(linear.unknown), np.random.default_rng(seed)
     absent = np.tile(np.where(np.eye(n, dtype=bool), 0.0, variances), (PLACEBOS, 1))
     found = smooth(
         linear, np.repeat(variances, n * PLACEBOS, axis=0), MEMORY, imagined(linear, absent, MEMORY, generator)

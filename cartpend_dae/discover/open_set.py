@@ -1,5 +1,6 @@
 """Where the catalogue ends: what is left at the end, at which place, and the most that a law there could explain."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,7 +53,7 @@ class OpenSet:
         head = f"What is left is not in the catalogue. It acts at `{strongest.at}`"
         like = f" (or {', '.join(f'`{name}`' for name in strongest.alike)})" if strongest.alike else ""
         if not self.closures:
-            return f"{head}{like}. {seen} No closure could be trained there."
+            return f"{head}{like}. {seen} No closure was trained there."
         best, share = self.closures[0], 100 * self.explained
         if not self.is_a_law:
             much = f"{share:.0f} %" if share > 0 else "nothing"
@@ -71,7 +72,14 @@ def _depends(place: PlaceEvidence) -> str:
     return "displacement and speed" if place.kind == "load" else "the signal"
 
 
-def open_set(bench: Workbench, search: Search, *, kinds: tuple[ClosureKind, ...] = KINDS) -> OpenSet:
+def open_set(
+    bench: Workbench,
+    search: Search,
+    *,
+    kinds: tuple[ClosureKind, ...] = KINDS,
+    until_noise: bool = False,
+    seed: int = 0,
+) -> OpenSet:
     """Look into what a search has left unexplained.
 
     Parameters
@@ -81,18 +89,32 @@ def open_set(bench: Workbench, search: Search, *, kinds: tuple[ClosureKind, ...]
     search
         Its outcome.
     kinds
-        The closures to train.
+        The closures to train, one after the other.
+    until_noise
+        No more are trained after one that leaves nothing but noise.
+    seed
+        Which noise the placebo of `localize` is made of.
 
     Raises
     ------
     SolverError
         If the final model cannot be followed along its data.
     """
+    *_, last = open_set_so_far(bench, search, kinds=kinds, until_noise=until_noise, seed=seed)
+    return last
+
+
+def open_set_so_far(
+    bench: Workbench, search: Search, *, kinds: tuple[ClosureKind, ...], until_noise: bool, seed: int
+) -> Iterator[OpenSet]:
+    """Yield what is known after the places were looked at, and after each closure; see `open_set`."""
     taken = tuple(step.candidate.insertion for step in search.steps)
-    where = localize(bench, taken, search.final)
+    where = localize(bench, taken, search.final, seed=seed)
     if where.places[0].evidence <= LIMIT:
-        return OpenSet(where, None, (), 0.0)
+        yield OpenSet(where, None, (), 0.0)
+        return
     at = where.places[0].at
+    yield OpenSet(where, at, (), 0.0)
     seen = next(one for one in where.portraits if one.at == at)
     is_free = all(run.score == "free" for run in bench.setup.train)
     last = 0.0 if is_free else search.bandwidth
@@ -100,18 +122,18 @@ def open_set(bench: Workbench, search: Search, *, kinds: tuple[ClosureKind, ...]
     begin = where.followed
     compared = search.final if search.bandwidth == last else bench.fit(taken, begin.point, (last,), sd, patient=False)
     stages = (FOLLOW * bench.frequency, last) if is_free else (last,)
-    found = []
+    found: list[Closure] = []
     bench.begin("closures", len(kinds))
     for kind in kinds:
         closure = closure_at(at_place(bench, at), kind, reach_of(seen))
         try:
-            found.append(train(bench, taken, (begin, compared), closure, stages, sd))
+            trained = train(bench, taken, (begin, compared), closure, stages, sd)
         except SolverError:
             continue
-    found.sort(key=lambda closure: -closure.gain)
-    if not found:
-        return OpenSet(where, at, (), 0.0)
-    return OpenSet(where, at, tuple(found), 1 - found[0].fit.chi2 / compared.chi2)
+        found = sorted([*found, trained], key=lambda closure: -closure.gain)
+        yield OpenSet(where, at, tuple(found), 1 - found[0].fit.chi2 / compared.chi2)
+        if until_noise and not trained.gate.is_passed:
+            return
 
 
 def reach_of(seen: Portrait) -> Reach:

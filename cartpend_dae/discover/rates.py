@@ -4,7 +4,7 @@ Data are made from the final model with the inputs and the disturbances of the s
 something added? Power: each accepted effect is taken out of the model; is it found again?
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -66,11 +66,21 @@ def rates(
     seed
         Which noise.
     """
+    found: tuple[Rate, ...] = ()
+    for found in rates_so_far(bench, search, searcher, placebo=placebo, power=power, seed=seed):
+        pass
+    return found
+
+
+def rates_so_far(
+    bench: Workbench, search: Search, searcher: Searcher, *, placebo: int, power: int, seed: int
+) -> Iterator[tuple[Rate, ...]]:
+    """Yield the rates after each repetition, of those that are done; see `rates`."""
     taken = tuple(step.candidate.insertion for step in search.steps)
     tasks: list[tuple[int | None, int]] = [(None, k) for k in range(placebo)]
     tasks += [(i, k) for i in range(len(taken)) for k in range(power)]
     if not tasks:
-        return ()
+        return
     problem, setup, store = bench.problem(taken), bench.setup, bench.store
     made = {k: made_anew(problem, search.final, [seed, k]) for k in sorted({k for _, k in tasks})}
 
@@ -90,14 +100,19 @@ def rates(
         (without, k): ("again", [item.prefix for item in left(without)], search.final.values, seed, k)
         for without, k in tasks
     }
-    results = []
+    results: list[list[str] | None] = []
     bench.begin("placebo and power", len(tasks))
     for done, result in enumerate(kept(bench, "again", [depends[task] for task in tasks], again, tasks), start=1):
         results.append(result)
+        yield _counted(search, tasks[:done], results)
         bench.report("placebo and power", f"{done} of {len(tasks)}", 1.0)
-    rows = [("placebo", None)] * bool(placebo) + [("power", i) for i in range(len(taken)) if power]
+
+
+def _counted(search: Search, tasks: list[tuple[int | None, int]], results: list[list[str] | None]) -> tuple[Rate, ...]:
+    """Return the rates of the repetitions that are done, in their order."""
+    taken = tuple(step.candidate.insertion for step in search.steps)
     found = []
-    for _, without in rows:
+    for without in dict.fromkeys(i for i, _ in tasks):
         mine = [r for (i, _), r in zip(tasks, results, strict=True) if i == without and r is not None]
         accepted = _accepted(search, without)
         hits = sum(bool(r) if without is None else bool(set(r) & accepted) for r in mine)

@@ -10,19 +10,24 @@ import shutil
 import sys
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
+from uuid import uuid4
 
 import casadi as ca
 import numpy as np
 
-from cartpend_dae.assemble import assemble
 from cartpend_dae.discover.records import Setup
-from cartpend_dae.errors import CutOffError
+from cartpend_dae.effects import Card
+from cartpend_dae.effects.card import Kind
+from cartpend_dae.errors import CartpendError, CutOffError
+from cartpend_dae.flatten import flatten
+from cartpend_dae.language import Component
 from cartpend_dae.parcel import fingerprint
+from cartpend_dae.system import FlatSystem
 
 Value = TypeVar("Value")
 STAGES = "stages"
@@ -69,6 +74,12 @@ class Store:
         """Leave the folder here: a process elsewhere has another disk, and keeps nothing."""
         return Store, ()
 
+    def for_cards(self, cards: Iterable[Card]) -> "Store":
+        """Return the store of the same study with these effects: stages of a card that was changed are others."""
+        if self.folder is None:
+            return self
+        return replace(self, study=digest((self.study, [_of_card(card) for card in cards])))
+
     def clear(self) -> None:
         """Forget all stages."""
         if self.folder is not None:
@@ -76,7 +87,10 @@ class Store:
 
 
 def store_for(setup: Setup, folder: Path, further: Any = ()) -> Store:  # noqa: ANN401 - as of `digest`
-    """Return the store of a study in a folder; `further` is what else its results depend on."""
+    """Return the store of a study in a folder; `further` is what else its results depend on.
+
+    `discover` adds the effects that it tries; elsewhere use `Store.for_cards` where some are your own.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     return Store(folder, study_digest(setup, further))
 
@@ -185,13 +199,56 @@ def _kept(path: Path) -> tuple[Any] | None:
 
 def _content(setup: Setup) -> tuple[Any, ...]:
     """Return the model as its equations, and all else that a study says."""
-    system = assemble(setup.model)
-    f = system.frictions
-    inside = [system.time, system.x, system.z, system.u, system.p, f.force]
-    laws = [f.speed, f.level_pos, f.level_neg, f.static_pos, f.static_neg]
-    equations = ca.Function("model", inside, [system.ode, system.alg, system.outputs, *laws]).serialize()
-    names = (system.states, system.inputs, tuple(q.name for q in system.parameters))
-    values = tuple(q.value for q in system.parameters)
     runs = (setup.train, setup.select, setup.test)
     options = (setup.scores, setup.step, setup.ties, setup.huber, setup.max_iterations, setup.method, setup.hessian)
-    return equations, names, values, setup.free, runs, options
+    return _of_model(setup.model), setup.free, runs, options
+
+
+def _of_model(model: Component) -> tuple[Any, ...]:
+    """Return all that a model says: equations, how it starts, its events and clocks, and what it declares."""
+    flat = flatten(model)
+    hybrid, initials = flat.hybrid, flat.initials
+    events = (hybrid.relation_places, hybrid.actions, hybrid.discretes, hybrid.modes)
+    names = (flat.variables, flat.derivatives, flat.parameters, flat.inputs, flat.frictions.places)
+    return _expressions(flat), names, initials.fixed, events
+
+
+def _expressions(flat: FlatSystem) -> str:
+    """Return all expressions of a model in CasADi's own text, in which symbols are numbered."""
+    hybrid, frictions = flat.hybrid, flat.frictions
+    symbols = [flat.time, flat.symbols, flat.derivative_symbols, flat.parameter_symbols, frictions.force]
+    rate = ca.SX() if flat.rate is None else flat.rate
+    laws = [flat.residual, flat.parameter_bindings, flat.initials.residual, *frictions.laws, *hybrid.laws, rate]
+    return ca.Function("model", [*symbols, hybrid.relations, hybrid.pulses], laws).serialize()
+
+
+def _of_card(card: Card) -> tuple[Any, ...]:
+    """Return all that a card says, with its components as their equations."""
+    parts = {field.name: _named(getattr(card, field.name)) for field in fields(card) if field.name != "components"}
+    return parts, [(_named(kind), _of_component(card, kind)) for kind in card.components]
+
+
+def _of_component(card: Card, kind: Kind) -> Any:  # noqa: ANN401 - as of `digest`
+    """Return what the component of a card says at a kind of port; the package's own are known by its fingerprint."""
+    cls = card.components[kind]
+    if cls.__module__.startswith(f"{PACKAGE}."):
+        return _named(cls)
+    try:
+        return _named(cls), _of_model(cls(**card.starts(kind)[0]))
+    except (CartpendError, TypeError, ValueError):
+        return uuid4().hex  # it cannot stand alone: what cannot be told is not taken up again
+
+
+def _named(value: Any) -> Any:  # noqa: ANN401 - any part of a card
+    """Return a part of a card with the names of classes in the place of classes."""
+    if isinstance(value, type):
+        return value.__qualname__  # the module of a file has a name of this process
+    if isinstance(value, Card):
+        return _of_card(value)
+    if isinstance(value, tuple):
+        return tuple(_named(item) for item in value)
+    if isinstance(value, Mapping):
+        return [(_named(key), _named(item)) for key, item in value.items()]
+    if is_dataclass(value):
+        return {field.name: _named(getattr(value, field.name)) for field in fields(value)}
+    return value

@@ -19,8 +19,9 @@ def beyond_sentences(discovery: Discovery) -> tuple[str, ...]:
 
 
 def beyond_result(beyond: Beyond) -> Json:
-    """Return the entries of `result.json`: `open_set`, `splits` and `rates`."""
+    """Return the entries of `result.json`: `beyond_interrupted`, `open_set`, `splits` and `rates`."""
     return {
+        "beyond_interrupted": beyond.interrupted,
         "open_set": None if beyond.open_set is None else _open_set(beyond.open_set),
         "splits": [
             {

@@ -102,9 +102,12 @@ def summary(result: Json) -> list[str]:
     z, limit = gate["final"]["largest"], gate["limit"]
     kind = "innovations" if result.get("bandwidth") else "residuals"
     left = "still more than noise" if gate["final"]["is_more_than_noise"] else "no more than noise"
-    found = ["The search was interrupted; this is the best so far."] if result.get("interrupted") else []
+    is_cut_after = result.get("beyond_interrupted", False)
+    is_cut = result.get("interrupted") and not is_cut_after
+    found = ["The search was interrupted; this is the best so far."] if is_cut else []
     if result["command"] == "discover" and not result["steps"]:
         return [*found, result["message"]]
+    found += [CUT_AFTER] if is_cut_after else []
     found.append(f"The {kind} that are left are {left}: z = {number(z)}, where {limit:g} is the limit.")
     if names := undetermined(result):
         found.append(f"These runs do not determine {listed(names)}: other values explain them as well.")

@@ -10,7 +10,7 @@ import numpy as np
 from cartpend_dae.assess import Assessment, assess
 from cartpend_dae.bands import prediction_sd
 from cartpend_dae.bootstrap import Bootstrap, Kind, bootstrap
-from cartpend_dae.discover import Discovery, Gate, residuals
+from cartpend_dae.discover import Beyond, Discovery, Gate, residuals
 from cartpend_dae.discover.alike import known_alike
 from cartpend_dae.discover.gate import LIMIT
 from cartpend_dae.discover.records import Candidate, Search, Step
@@ -155,11 +155,17 @@ def discovery_result(opened: Opened, discovery: Discovery, seconds: float) -> Js
             "gain_label": GAINS[search.judged],
             "bandwidth": search.bandwidth,
             "gate": {"limit": LIMIT, "baseline": _gate(search.baseline_gate), "final": _gate(search.final_gate)},
-            "interrupted": search.interrupted,
-            "command_line": command_line("discover", opened),
+            "interrupted": discovery.interrupted,
+            "command_line": command_line("discover", opened, *_repeated(discovery.beyond)),
         }
         | beyond_result(discovery.beyond)
     )
+
+
+def _repeated(beyond: Beyond) -> list[str]:
+    """Return the options of the command line that asked for searches on data made anew."""
+    asked = (("--placebo", beyond.placebo), ("--power", beyond.power))
+    return [text for option, number in asked if number for text in (option, str(number))]
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401 - any JSON

@@ -23,6 +23,11 @@ from cartpend_dae.system import FlatSystem, System
 NAMES = {"coulomb": "Coulomb", "dahl": "Dahl", "lugre": "LuGre", "maxwell": "Maxwell", "stribeck": "Stribeck"}
 SHOWN = 60
 """Lines of a long list that are shown unless all are asked for."""
+CUT_AFTER = (
+    "The search is complete; what follows it was interrupted, and is here as far as it came: "
+    "`cartpend discover` with `--resume` completes it."
+)
+"""What is said where closures, experiments or repetitions were interrupted."""
 
 
 def estimated(estimate: Estimate) -> str:
@@ -53,6 +58,11 @@ def effect_name(effect: str) -> str:
 
 def discovery_sentence(discovery: Discovery) -> str:
     """Say in a sentence or two what was found, and what it is worth on runs that the fit never saw."""
+    told = _told(discovery)
+    return f"{told} {CUT_AFTER}" if discovery.beyond.interrupted else told
+
+
+def _told(discovery: Discovery) -> str:
     search, model = discovery.search, type(discovery.setup.model).__name__
     begun = "The search was interrupted; this is the best so far. " if search.interrupted else ""
     if search.verdict == "no-discrepancy":
