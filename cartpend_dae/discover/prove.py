@@ -161,8 +161,8 @@ def discover(
     found = Beyond(None, (), (), placebo, power)
     if beyond and not outcome.interrupted:
         try:
-            for found in _beyond(bench, outcome, asked):
-                pass
+            for so_far in _beyond(bench, outcome, asked):
+                found = so_far
         except KeyboardInterrupt:
             found = replace(found, interrupted=True)
     return prove(setup, still_alike(outcome, found.splits), found)

@@ -66,10 +66,8 @@ def rates(
     seed
         Which noise.
     """
-    found: tuple[Rate, ...] = ()
-    for found in rates_so_far(bench, search, searcher, placebo=placebo, power=power, seed=seed):
-        pass
-    return found
+    *_, last = ((), *rates_so_far(bench, search, searcher, placebo=placebo, power=power, seed=seed))
+    return last
 
 
 def rates_so_far(

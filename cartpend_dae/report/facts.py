@@ -7,7 +7,7 @@ from typing import Any
 
 from cartpend_dae.everyday import for_people, uncertain, with_unit
 from cartpend_dae.report.numbers import listed, number, prefixed
-from cartpend_dae.report.text import effect_name
+from cartpend_dae.report.text import CUT_AFTER, effect_name
 
 Json = dict[str, Any]
 
