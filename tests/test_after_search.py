@@ -121,6 +121,7 @@ def test_repetitions_look_where_the_search_looked(monkeypatch, dry, named):
 
 def test_a_place_that_moved_behind_an_effect_is_still_looked_at(monkeypatch, dry):
     outcome = refit(Workbench(dry), (insertion_at(dry.model, "sensor_gain", "bearing.phi"),))
+    outcome = replace(outcome, verdict="explained")
     _, asked = after(monkeypatch, dry, outcome, only_at=("bearing.phi",), placebo=1)
     assert [places for _, places in asked] == [{"bearing.phi"}, {"bearing.phi.sensor_gain.y"}]
 

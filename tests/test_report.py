@@ -25,7 +25,7 @@ from cartpend_dae.library import rotational, translational
 from cartpend_dae.report.files import run_table
 from cartpend_dae.report.model_plus import model_plus_source
 from cartpend_dae.report.result import discovery_result, plain
-from cartpend_dae.report.text import discovery_sentence, uncertain
+from cartpend_dae.report.text import CUT_AFTER, discovery_sentence, uncertain
 from cartpend_dae.session import open_study
 from cartpend_dae.study import load_model
 from cartpend_dae.study_schema import ModelReference
@@ -175,6 +175,21 @@ def test_each_verdict_has_its_sentence():
     assert "before an effect was accepted" in discovery_sentence(
         outcome(verdict="unexplained", steps=(), interrupted=True)
     )
+
+
+def test_the_command_line_of_a_result_asks_for_all_that_was_asked_for():
+    run = demo_run()
+    asked = replace(run.discovery, beyond=replace(run.discovery.beyond, placebo=20, power=6))
+    line = discovery_result(run.opened, asked, 1.0)["command_line"]
+    assert line == f"cartpend discover {run.folder / 'rota_damp.toml'} --placebo 20 --power 6"
+
+
+def test_a_result_says_where_only_what_follows_the_search_was_interrupted():
+    run = demo_run()
+    cut = replace(run.discovery, beyond=replace(run.discovery.beyond, interrupted=True))
+    result = discovery_result(run.opened, cut, 1.0)
+    assert result["interrupted"] and result["beyond_interrupted"]
+    assert result["message"].endswith(CUT_AFTER) and "best so far" not in result["message"]
 
 
 # --- the augmented model as a file -----------------------------------------------------------------------

@@ -23,6 +23,7 @@ from cartpend_dae.discover.workbench import (
     set_values,
 )
 from cartpend_dae.effects import Card, Insertion, Place, catalogue, insert_all, places
+from cartpend_dae.effects.catalogue import checked
 from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.everyday import quantity
 from cartpend_dae.identify import Fit
@@ -141,7 +142,7 @@ def discover(
         If there is no such regime, or a number is no count.
     """
     asked = _Asked(
-        catalogue() if cards is None else tuple(cards),
+        catalogue() if cards is None else tuple(checked(cards)),
         named_places(only_at),
         forced_regime(regime),
         placebo,
