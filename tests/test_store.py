@@ -66,11 +66,12 @@ def own(power):
     """Return an effect of one's own with an id that stays."""
 
     class Drag(CompliantWithSpeed):
-        d: Param = param(unit="1", default=0.0, min=0)
+        d: Param = param(unit="N.m", default=0.0, min=0)
+        w_0: Param = param(unit="rad/s", default=1.0)
 
         def equations(self):
             yield from super().equations()
-            yield self.tau == self.d * self.w_rel**power
+            yield self.tau == self.d * (self.w_rel / self.w_0) ** power
 
     plain = next(card for card in catalogue() if card.id == "quadratic_drag")
     return replace(plain, id="own_drag", components={Flange: Drag}, parameters=(level("d"),), nested_in=())
