@@ -20,7 +20,12 @@ from cartpend_dae.system import System
 
 # longest step in units of the shortest time in which a component may change
 LONGEST = 2.0
-NEWTON = 3  # from the last step's values each step squares the error, so that three leave rounding only
+# Newton steps from the values at the stage before: each squares the error, so that three leave rounding only; what is
+# measured, where a current passes zero in a sharp law, may take more
+NEWTON, MEASURED = 3, 10
+# a step is worse than the one before it if it leaves more than this share of the squares: where it jumps from one side
+# of a sharp law to the other it may do so for ever
+LESS = 0.999
 ROUNDS = 3  # where friction changes a load it follows, each round leaves less than its coefficient of the error
 
 
@@ -130,7 +135,7 @@ def _measure_functions(system: System, substeps: int) -> tuple[ca.Function, ca.F
     s = system
     h = ca.SX.sym("h")
     x, z = ca.SX.sym("x", s.x.numel()), ca.SX.sym("z", s.z.numel())
-    force, hold, solve = s.frictions.force, _friction_function(s), _algebraic_function(s)
+    force, hold, solve = s.frictions.force, _friction_function(s), _algebraic_function(s, MEASURED)
     held, z_now = ca.SX.zeros(force.numel()), z
     if not ca.depends_on(s.alg, force):
         z_now = solve(s.time, x, z, s.u, s.p, held)
@@ -151,18 +156,28 @@ def _rate_function(system: System) -> ca.Function:
     return ca.Function("rate", [s.time, s.x, s.z, s.u, s.p, s.frictions.force], [s.ode])
 
 
-def _algebraic_function(system: System) -> ca.Function:
-    """Return (t, x, z, u, p, force) -> algebraic variables, from a guess of them nearby."""
+def _algebraic_function(system: System, steps: int = NEWTON) -> ca.Function:
+    """Return (t, x, z, u, p, force) -> algebraic variables, from a guess of them nearby.
+
+    A step after which no less is left is taken back by half; the last one is whole, as it gives the slopes. Equations
+    that are linear in them take one.
+    """
     s = system
     arguments = [s.time, s.x, s.z, s.u, s.p, s.frictions.force]
     if not s.z.numel():
         return ca.Function("solve", arguments, [s.z])
-    residual = ca.Function("residual", arguments, [s.alg, ca.jacobian(s.alg, s.z)])
-    z = s.z
-    for _ in range(NEWTON):
+    jacobian = ca.jacobian(s.alg, s.z)
+    residual = ca.Function("residual", arguments, [s.alg, jacobian])
+    z = before = s.z
+    least = ca.SX(ca.inf)
+    for _ in range(steps - 1 if ca.depends_on(jacobian, s.z) else 0):
         value, slope = residual(s.time, s.x, z, s.u, s.p, s.frictions.force)
-        z = z - ca.solve(slope, value)
-    return ca.Function("solve", arguments, [z])
+        left = ca.sumsqr(value)
+        is_worse = left > LESS * least
+        after = ca.if_else(is_worse, (before + z) / 2, z - ca.solve(slope, value))
+        before, least, z = ca.if_else(is_worse, before, z), ca.fmin(left, least), after
+    value, slope = residual(s.time, s.x, z, s.u, s.p, s.frictions.force)
+    return ca.Function("solve", arguments, [z - ca.solve(slope, value)])
 
 
 def _friction_function(system: System) -> ca.Function:

@@ -27,7 +27,7 @@ from cartpend_dae.discover.shape import (
     is_plainer_left_to_shape,
     is_shape_error,
 )
-from cartpend_dae.discover.shortlist import best_of_each
+from cartpend_dae.discover.shortlist import best_of_each, with_waves
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import LAW, lead_needed
 from cartpend_dae.discover.workbench import Workbench
@@ -233,6 +233,26 @@ def test_couples_that_promise_most_together_come_first_with_their_shares():
     assert len(others) == 2
 
 
+def wave(predicted, direction, k):
+    insertion = replace(insertion_at(RotaDamp(), "sensor_nonlinearity", "bearing.phi"), values={"k": k})
+    response = np.array(direction, dtype=float)
+    shape = {"bearing.phi.sensor_nonlinearity.k": k}
+    return Candidate(insertion, shape, predicted, 0.0, 0.0, None, "", response / np.linalg.norm(response))
+
+
+def test_beside_another_effect_a_wave_that_promised_less_alone_may_be_the_right_one():
+    drag = promised("quadratic_drag", 64.0, [0, 1, 0], d2=1.0)
+    alone, right, third = wave(100.0, [0.9, 0.4, 0], 30.0), wave(95.0, [1, -0.2, 0], 60.0), wave(1.0, [0, 0, 1], 30.0)
+    # of the waves that were screened the first was fitted, and ended elsewhere
+    (fitted,) = with_waves([replace(alone, others=())], [replace(alone, others=(right, third))])
+    assert [c.insertion.values["k"] for c in fitted.others] == [60.0]
+    couples = promising([drag, fitted])
+    assert [couple.parameters["bearing.phi.sensor_nonlinearity.k"] for couple in couples] == [60.0, 30.0]
+    assert couples[0].predicted > couples[1].predicted
+    (plain,) = with_waves([drag], [replace(drag, others=(drag,))])
+    assert plain.others == ()
+
+
 def test_what_shows_only_without_injection_though_much_is_left_with_it_is_not_two_effects(plain_fit):
     def base(*left):
         times = dict(zip((30.0, 10.0, 0.0), left, strict=True))
@@ -294,6 +314,15 @@ def test_the_other_choice_of_an_effect_is_kept_and_tried_in_a_couple(fitted):
     load = fitted("constant_load", 0.0, 9.0)
     (found,) = chosen_anew([Couple(best, load, 9.0, {}, best.fit)])
     assert (found.one, found.other) == (lag, load)
+
+
+def test_of_two_starts_one_that_was_refused_stands_only_where_both_were(fitted):
+    low, high = fitted("constant_load", 9.0, 5.0), fitted("constant_load", 1.0, 9.0)
+    refused = replace(low, why_not="its parameter ends on its bound, where it has no effect")
+    (best,) = best_of_each([refused, high], lambda c: c.fit.chi2)
+    assert best.fit is high.fit and not best.why_not
+    (best,) = best_of_each([refused, replace(high, why_not="no")], lambda c: c.fit.chi2)
+    assert best.fit is (refused if refused.fit.chi2 < high.fit.chi2 else high).fit
 
 
 def test_a_couple_tries_the_next_richer_laws_of_its_contact_from_where_it_was_fitted(fitted):

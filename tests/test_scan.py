@@ -147,3 +147,13 @@ def test_teeth_of_which_no_run_passes_one_are_not_looked_for():
     assert all(one.values["n"] >= fewest for one in found.again)
     ranked = screen(bench, (), {}, [option], 20.0, sd)
     assert [c.insertion.values["n"] >= fewest for c in ranked] == [True]
+
+
+def test_a_wave_of_which_a_run_passes_a_small_part_is_not_tried_from_there():
+    bench, option = bench_of("error of an encoder")  # 0.23 m of a wave of 6.3 m pass for any polynomial
+    sd = bench.problem(()).prior_sd
+    assert sweep(bench, (), (option,), {}, 20.0, sd, with_shapes=True).partial == {option.prefix}
+    longer = replace(option, values={"k": 10.0})
+    assert not sweep(bench, (), (longer,), {}, 20.0, sd, with_shapes=True).partial
+    (found,) = screen(bench, (), {}, [option], 20.0, sd)
+    assert found.insertion.values["k"] == pytest.approx(61.0, rel=0.08)

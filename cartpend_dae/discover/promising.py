@@ -16,6 +16,7 @@ from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.nearest import left_early
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.screen import is_other_law, screen
+from cartpend_dae.discover.shortlist import each_wave
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.effects import Insertion
@@ -63,9 +64,9 @@ def may_be_two(base: Base, rules: Rules, stage: float, last: float) -> bool:
 def promising(ranked: list[Candidate]) -> list[Couple]:
     """Return the couples that promise most, each parameter at its price of BIC; a plain law stands for richer ones."""
     able = [c for c in ranked if c.response is not None and c.predicted > 0 and not is_composite(c.insertion)]
-    able = _plain(able)
+    able = [c for c in each_wave(_plain(able)) if c.response is not None]
     able.sort(key=lambda c: (len(c.insertion.parameter_names), -c.predicted))
-    able = [c for k, c in enumerate(able) if not any(are_parallel(c, d, SAME) for d in able[:k])]
+    able = [c for k, c in enumerate(able) if not any(_is_twin(c, d) for d in able[:k])]
     if len(able) < 2:
         return []
     directions = np.column_stack([c.response for c in able if c.response is not None])
@@ -74,7 +75,7 @@ def promising(ranked: list[Candidate]) -> list[Couple]:
     found: list[tuple[float, Couple]] = []
     for i, j in combinations(range(len(able)), 2):
         one, other, cosine = able[i], able[j], products[i, j]
-        if is_other_law(one, other) or are_parallel(one, other, ALIGNED):
+        if is_other_law(one, other) or are_parallel(one, other, ALIGNED):  # as two starts of one are
             continue
         sizes = np.linalg.solve([[1.0, cosine], [cosine, 1.0]], alone[[i, j]])
         if not np.all(sizes > 0):  # one of them would go the wrong way
@@ -83,6 +84,11 @@ def promising(ranked: list[Candidate]) -> list[Couple]:
         both = Couple(one, other, float(sizes @ alone[[i, j]]), _scaled(one, shares[0]) | _scaled(other, shares[1]))
         found.append((both.predicted - price * both.n_parameters, both))
     return [both for _, both in sorted(found, key=lambda pair: -pair[0])[:WIDE]]
+
+
+def _is_twin(one: Candidate, other: Candidate) -> bool:
+    """Return whether another effect moves the data in the same direction; one's own from another start is none."""
+    return one.insertion.prefix != other.insertion.prefix and are_parallel(one, other, SAME)
 
 
 def beside(

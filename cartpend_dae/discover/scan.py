@@ -28,8 +28,9 @@ LONGEST, COARSE, WAVES, PARTS = 4.0, 2.0, 180, 4
 MOST = 300
 # the most teeth; so many numbers of them, and of waves, are promising, waves that explain this share of the best one
 TEETH, PROMISING, ALIKE = 72, 2, 0.8
-# phase [rad] of a whole period, which a run must pass for a number of teeth to be told
-PERIOD = 2 * np.pi
+# phase [rad] of a whole period, which a run must pass for a number of teeth to be told; of a wave it must pass so much,
+# as shorter parts pass for any polynomial
+PERIOD, PART = 2 * np.pi, 1.0
 # other shapes are tried at so many values, from the least it starts from over this factor to the largest times it
 VALUES, SPAN = 24, 8.0
 # values that are followed at once, which bounds the memory; and that one function is made for
@@ -207,10 +208,17 @@ def _way(option: Insertion, along: Along) -> float:
 def is_passed(option: Insertion, along: Along) -> bool:
     """Return whether a run passes a whole period of an effect that has whole numbers of them a turn, if it is one.
 
-    Of less than one period a part is seen, which passes for any law that is as curved there.
+    Of less than one period a part is seen, which passes for any law that is as curved there; of a wave, whose number is
+    free, a smaller part tells.
     """
-    names = [(item.names[option.place.kind], item.lower) for item in option.card.parameters if item.role == "teeth"]
-    return all(option.values.get(name, fewest) * _way(option, along) >= PERIOD for name, fewest in names)
+    kind, values = option.place.kind, option.values
+    least = [
+        (values.get(item.names[kind], item.lower if item.role == "teeth" else item.starts_at(kind)[0]), needed)
+        for item in option.card.parameters
+        for role, needed in (("teeth", PERIOD), ("wave", PART))
+        if item.role == role
+    ]
+    return all(number * _way(option, along) >= needed for number, needed in least)
 
 
 @dataclass(frozen=True)

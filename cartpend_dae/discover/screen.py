@@ -31,6 +31,8 @@ PROBES = (0.3, 1.0, 3.0)
 # their predictions mostly hold even where they change between two samples (in ten searches on tuning seeds the least
 # were a third of what they are alone; those of a gap are a thousandth)
 SLIGHT = 0.02
+# what promises less than this share of what is left promises nothing but rounding
+ROUNDING = 1e-14
 UNSEEN = "no sensor sees it apart from what is free already"
 
 
@@ -391,7 +393,7 @@ def _predict(insertion: Insertion, found: Sweep, basis: np.ndarray, left: np.nda
     change = across @ (size * scale)
     predicted = float(left @ left - np.sum((left + change) ** 2))
     parameters = insertion.starts | dict(zip(insertion.size_names, size * scale, strict=True))
-    if not predicted > 0 or not np.all(np.isfinite(change)):
+    if not predicted > ROUNDING * float(left @ left) or not np.all(np.isfinite(change)):
         wanted = (vectors[:, good] / root) @ target * scale
         parameters |= dict(zip(insertion.size_names, wanted, strict=True))
         why = "it would need the wrong sign: it does not oppose motion"

@@ -72,13 +72,38 @@ def best_of_each(judged: list[Candidate], criterion: Callable[[Candidate], float
         starts.setdefault(candidate.insertion.prefix, []).append(candidate)
     found: list[Candidate] = []
     for these in starts.values():
-        best = these[0]
-        for candidate in these[1:]:
-            if candidate.fit is not None and (best.fit is None or criterion(candidate) < criterion(best)):
-                best = candidate
+        fitted = [c for c in these if c.fit is not None]
+        # one that was refused stands only where all were
+        best = min(fitted, key=lambda c: (bool(c.why_not), criterion(c)), default=these[0])
         others = [c for c in (*these, *best.others) if chosen(c) != chosen(best)]
         found.append(replace(best, others=tuple(replace(c, others=()) for c in others)))
     return found
+
+
+def with_waves(ranked: list[Candidate], screened: list[Candidate]) -> list[Candidate]:
+    """Return candidates with the other waves that were promising before any was fitted among their `others`.
+
+    What a wave explains alone may be mostly another effect, beside which another wave is the right one.
+    """
+    starts = {c.insertion.prefix: (c, *c.others) for c in screened}
+
+    def of(candidate: Candidate) -> Candidate:
+        told = [c for c in starts.get(candidate.insertion.prefix, ()) if _waves(c) != _waves(candidate)]
+        return replace(candidate, others=(*candidate.others, *told)) if _waves(candidate) else candidate
+
+    return [of(candidate) for candidate in ranked]
+
+
+def each_wave(candidates: list[Candidate]) -> list[Candidate]:
+    """Return candidates, and those of the same effects that start from other waves."""
+    return [c for one in candidates for c in (one, *(c for c in one.others if _waves(c) != _waves(one)))]
+
+
+def _waves(candidate: Candidate) -> list[float | None]:
+    """Return the wave numbers from which a candidate starts."""
+    insertion = candidate.insertion
+    kind = insertion.place.kind
+    return [insertion.values.get(i.names[kind]) for i in insertion.card.parameters if i.role == "wave"]
 
 
 def each_choice(candidate: Candidate) -> list[Candidate]:

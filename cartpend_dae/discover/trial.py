@@ -16,7 +16,15 @@ from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.rescan import rescanned
 from cartpend_dae.discover.screen import is_other_law, promise, screen
 from cartpend_dae.discover.shape import MOST, is_shape_error
-from cartpend_dae.discover.shortlist import as_well, at_few_places, best_of_each, is_simple, unlike, with_others
+from cartpend_dae.discover.shortlist import (
+    as_well,
+    at_few_places,
+    best_of_each,
+    is_simple,
+    unlike,
+    with_others,
+    with_waves,
+)
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.effects import Insertion
@@ -90,7 +98,7 @@ def try_in_noise(bench: Workbench, base: Base, rules: Rules, options: list[Inser
     judged = _judged(bench, base, rules, few)
     complete = [c for c in judged if c.fit is not None]
     ranked = rounded_first(ordered_by_bic(bench, complete, base, rules))
-    return stage, ranked + [c for c in judged if c.fit is None] + rest
+    return stage, with_waves(ranked + [c for c in judged if c.fit is None] + rest, screened)
 
 
 def other_laws(best: list[Candidate], others: list[Candidate]) -> list[Candidate]:
