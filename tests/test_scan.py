@@ -8,6 +8,7 @@ import pytest
 from cartpend_dae import simulate
 from cartpend_dae.data import Channel, Experiment, Start
 from cartpend_dae.discover.records import FreeSpec, Setup
+from cartpend_dae.discover.scan import TURNS, UNPASSED, WOUND
 from cartpend_dae.discover.screen import screen
 from cartpend_dae.discover.slopes import basis_of
 from cartpend_dae.discover.sweep import sweep
@@ -141,7 +142,7 @@ def test_teeth_of_which_no_run_passes_one_are_not_looked_for():
     bench, run = released(insert(model, "cubic_stiffness", "bearing", **hidden), 1.3, 1e-4)
     option, sd = insertion_at(model, "cogging", "bearing", {"n": 2.0}), bench.problem(()).prior_sd
     found = sweep(bench, (), (option,), {}, 20.0, sd, with_shapes=True)
-    assert found.partial == {option.prefix}
+    assert found.refused == {option.prefix: UNPASSED}
     fewest = 2 * np.pi / np.ptp(run["bearing.phi"])
     assert fewest > 2.0
     assert all(one.values["n"] >= fewest for one in found.again)
@@ -152,8 +153,25 @@ def test_teeth_of_which_no_run_passes_one_are_not_looked_for():
 def test_a_wave_of_which_a_run_passes_a_small_part_is_not_tried_from_there():
     bench, option = bench_of("error of an encoder")  # 0.23 m of a wave of 6.3 m pass for any polynomial
     sd = bench.problem(()).prior_sd
-    assert sweep(bench, (), (option,), {}, 20.0, sd, with_shapes=True).partial == {option.prefix}
+    assert sweep(bench, (), (option,), {}, 20.0, sd, with_shapes=True).refused == {option.prefix: UNPASSED}
     longer = replace(option, values={"k": 10.0})
-    assert not sweep(bench, (), (longer,), {}, 20.0, sd, with_shapes=True).partial
+    assert not sweep(bench, (), (longer,), {}, 20.0, sd, with_shapes=True).refused
     (found,) = screen(bench, (), {}, [option], 20.0, sd)
     assert found.insertion.values["k"] == pytest.approx(61.0, rel=0.08)
+
+
+@pytest.mark.parametrize("turns", [9.0, 11.0])
+def test_a_shaft_that_turns_on_and_on_winds_up_no_spring(turns):
+    duration, speed = 2.0, turns * 2 * np.pi / 2.0
+    time = np.linspace(0.0, duration, 401)
+    angle = speed * time + 1e-3 * np.random.default_rng(0).standard_normal(time.size)
+    begin = {"bearing.phi": Start(0.0, False), "bearing.w": Start(speed, False)}
+    channels = {"bearing.phi": Channel(angle, "zoh", 1e-3, "rad", 0.0)}
+    experiment = Experiment("run", "train", time, {}, channels, begin, "free", None)
+    bench = Workbench(Setup(RotaDamp(), (FreeSpec("bearing.d"),), (experiment,), (), ()), lambda *_: None)
+    options = [insertion_at(RotaDamp(), effect, "bearing") for effect in ("linear_stiffness", "constant_load")]
+    spring, load = screen(bench, (), {"bearing.d": 0.0}, options, 200.0, bench.problem(()).prior_sd)
+    if spring.insertion.card.id == "constant_load":
+        spring, load = load, spring
+    assert (spring.why_not == TURNS) is (turns * 2 * np.pi > WOUND)
+    assert load.why_not != TURNS

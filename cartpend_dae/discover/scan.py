@@ -31,6 +31,9 @@ TEETH, PROMISING, ALIKE = 72, 2, 0.8
 # phase [rad] of a whole period, which a run must pass for a number of teeth to be told; of a wave it must pass so much,
 # as shorter parts pass for any polynomial
 PERIOD, PART = 2 * np.pi, 1.0
+# a spring about a shaft that turns so far [rad] would be wound up
+WOUND = 10 * PERIOD
+UNPASSED, TURNS = "no run passes one of its periods", "the shaft turns on and on, which would wind it up"
 # other shapes are tried at so many values, from the least it starts from over this factor to the largest times it
 VALUES, SPAN = 24, 8.0
 # values that are followed at once, which bounds the memory; and that one function is made for
@@ -198,18 +201,23 @@ def _numbers(item: EffectParameter, option: Insertion, along: Along) -> np.ndarr
 
 def _way(option: Insertion, along: Along) -> float:
     """Return from where to where the run that goes farthest goes along what an effect repeats; 0 if that is lost."""
-    position = along.of(f"{option.prefix}.{option.card.along[option.place.kind]}")
+    return _farthest(option, along, option.card.along[option.place.kind])
+
+
+def _farthest(option: Insertion, along: Along, name: str) -> float:
+    """Return from where to where a variable of an effect goes in the run in which it goes farthest; 0 if it is lost."""
+    position = along.of(f"{option.prefix}.{name}")
     layout = along.problem.layout
     begins = [first * layout.length for first in layout.first]
     way = max(float(np.ptp(part)) for part in np.split(position, begins[1:]))
     return way if np.isfinite(way) else 0.0
 
 
-def is_passed(option: Insertion, along: Along) -> bool:
-    """Return whether a run passes a whole period of an effect that has whole numbers of them a turn, if it is one.
+def out_of_range(option: Insertion, along: Along) -> str:
+    """Return why the runs go too short a way, or too far, for an effect to be tried; empty if they do not.
 
-    Of less than one period a part is seen, which passes for any law that is as curved there; of a wave, whose number is
-    free, a smaller part tells.
+    Of less than one period of what has whole numbers of them a turn a part is seen, which passes for any law that is as
+    curved there; of a wave, whose number is free, a smaller part tells. A spring is no part of a shaft that turns on.
     """
     kind, values = option.place.kind, option.values
     least = [
@@ -218,7 +226,10 @@ def is_passed(option: Insertion, along: Along) -> bool:
         for role, needed in (("teeth", PERIOD), ("wave", PART))
         if item.role == role
     ]
-    return all(number * _way(option, along) >= needed for number, needed in least)
+    if any(number * _way(option, along) < needed for number, needed in least):
+        return UNPASSED
+    name = option.card.winds.get(kind)
+    return TURNS if name is not None and _farthest(option, along, name) > WOUND else ""
 
 
 @dataclass(frozen=True)

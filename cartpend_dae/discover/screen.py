@@ -324,13 +324,13 @@ def _screened(at: _At, batch: tuple[Insertion, ...], with_shapes: bool) -> _Batc
         one, other = (_screened(at, part, with_shapes) for part in (batch[:half], batch[half:]))
         return _Batch(one.judged + other.judged, one.again + other.again, one.rough | other.rough)
     judged = _predictions(batch, replace(found, sizes={**found.sizes, **found.rough}))
-    partial = {name for c, _ in judged if c.insertion.prefix in found.partial for name in c.insertion.size_names}
-    judged = [(_unseen(c) if c.insertion.prefix in found.partial else c, columns) for c, columns in judged]
-    return _Batch(judged, found.again, frozenset(found.rough) - partial)
+    refused = {name for c, _ in judged if c.insertion.prefix in found.refused for name in c.insertion.size_names}
+    judged = [(_refused(c, found.refused.get(c.insertion.prefix, "")), columns) for c, columns in judged]
+    return _Batch(judged, found.again, frozenset(found.rough) - refused)
 
 
-def _unseen(candidate: Candidate) -> Candidate:
-    return replace(candidate, predicted=0.0, why_not="no run passes one of its periods", response=None)
+def _refused(candidate: Candidate, why: str) -> Candidate:
+    return replace(candidate, predicted=0.0, why_not=why, response=None) if why else candidate
 
 
 def _problem_of(option: Insertion) -> str:

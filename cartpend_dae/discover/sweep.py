@@ -16,7 +16,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from cartpend_dae.continuous import without_events
-from cartpend_dae.discover.scan import Scan, best_shapes, is_passed
+from cartpend_dae.discover.scan import Scan, best_shapes, out_of_range
 from cartpend_dae.discover.slopes import (
     LOST,
     Along,
@@ -55,8 +55,8 @@ class Sweep:
     """Weighted residuals (n,), their derivatives in what is fitted already (n, n_base), and in each size (n,).
 
     Sizes of effects that change too much between samples to be followed so are in `rough` instead. The `chain` has all
-    sizes as forces; None where effects were judged alone. `again` are effects from better shapes, and `partial` the
-    prefixes of those of which no run passes a period.
+    sizes as forces; None where effects were judged alone. `again` are effects from better shapes, and `refused` says
+    by prefix why the runs go too short a way for one, or too far.
     """
 
     residual: np.ndarray
@@ -64,7 +64,7 @@ class Sweep:
     sizes: dict[str, np.ndarray]
     chain: Chain | None = None
     again: tuple[Insertion, ...] = ()
-    partial: frozenset[str] = frozenset()
+    refused: Mapping[str, str] = field(default_factory=dict)
     rough: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
@@ -147,11 +147,12 @@ def sweep(
         if column.size and np.linalg.norm(column - base[:, i]) < SAME * np.linalg.norm(base[:, i]):
             base[:, i] = column
     again: tuple[Insertion, ...] = ()
-    partial = frozenset(option.prefix for option in options if not is_passed(option, along))
+    told = {option.prefix: out_of_range(option, along) for option in options}
+    refused = {prefix: why for prefix, why in told.items() if why}
     if with_shapes:
         scan = Scan(along, local, found.residual, basis_of(base))
         again = tuple(replace(o, values={**o.values, **shape}) for o in options for shape in best_shapes(o, scan))
-    return replace(found, base=base, sizes=sizes, again=again, partial=partial, rough=rough)
+    return replace(found, base=base, sizes=sizes, again=again, refused=refused, rough=rough)
 
 
 def _sliding(system: System, mine: list[int], *, is_felt: bool = True) -> System:

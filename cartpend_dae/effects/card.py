@@ -101,6 +101,8 @@ class Card:
         law is another one than that of what moves alike, and it is a place of its own.
     along
         Of an effect with a wave number: its own variable along which it repeats, by kind of port.
+    winds
+        Of a spring about a shaft: its own variable, by kind of port, that it would wind up where the shaft turns on.
     peaks
         {parameter: another one that it is not below}, or the law is not what the effect is called.
     resonates
@@ -134,6 +136,7 @@ class Card:
     is_linear: bool = True
     takes: Mapping[Kind, Mapping[str, str]] = field(default_factory=dict)
     along: Mapping[Kind, str] = field(default_factory=dict)
+    winds: Mapping[Kind, str] = field(default_factory=dict)
     peaks: Mapping[str, str] = field(default_factory=dict)
     resonates: bool = False
     knocks: bool = False

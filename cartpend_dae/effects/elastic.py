@@ -34,6 +34,7 @@ def elastic_cards() -> tuple[Card, ...]:
             regressors=("x", "1"),
             excited_by="slow motion over the whole range",
             source="R. Hooke, De potentia restitutiva (1678)",
+            winds={R: "phi_rel"},
         ),
         Card(
             id="cubic_stiffness",
@@ -48,6 +49,7 @@ def elastic_cards() -> tuple[Card, ...]:
             excited_by="two amplitudes: the frequency changes with amplitude",
             source="G. Duffing, Erzwungene Schwingungen bei veraenderlicher Eigenfrequenz (1918)",
             takes={R: {"phi_rel0": "phi_rel0"}, T: {"s_rel0": "s_rel0"}},
+            winds={R: "phi_rel"},
         ),
         Card(
             id="one_sided_spring",
@@ -63,6 +65,7 @@ def elastic_cards() -> tuple[Card, ...]:
             source="S. W. Shaw, P. J. Holmes, J. Sound Vib. 90 (1983), 129-155, 10.1016/0022-460X(83)90407-8",
             hosts=(rotational.Spring, rotational.SpringDamper, translational.Spring, translational.SpringDamper),
             takes={R: {"c": "c", "phi_rel0": "phi_rel0"}, T: {"c": "c", "s_rel0": "s_rel0"}},
+            winds={R: "phi_rel"},
         ),
         Card(
             id="end_stop",
@@ -112,6 +115,7 @@ def elastic_cards() -> tuple[Card, ...]:
             regressors=("x", "v"),
             excited_by="swings at two frequencies, and a rest away from the middle",
             source="J. C. Maxwell, Phil. Trans. R. Soc. 157 (1867), 49-88, 10.1098/rstl.1867.0004",
+            winds={R: "phi_rel"},
         ),
         Card(
             id="cable_drag",
