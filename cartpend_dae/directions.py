@@ -38,13 +38,18 @@ def blind_directions(names: tuple[str, ...], values: np.ndarray, null: np.ndarra
         parts = [i for i in np.argsort(-np.abs(direction), kind="stable") if abs(direction[i]) > PART]
         parts = sorted(parts)
         if len(parts) == 1:
-            sentences.append(f"`{names[parts[0]]}` does not reach the outputs")
+            sentences.append(unreached(names[parts[0]]))
         elif is_relative and _are_powers_simple(direction, parts):
             sentences.append(_scaling(names, direction * np.sign(values), parts))
         else:
             listing = " and ".join(f"`{names[i]}`" for i in parts)
             sentences.append(f"{listing} move the outputs alike: only a combination of them is identified")
     return tuple(sentences)
+
+
+def unreached(name: str) -> str:
+    """Return what is said of a quantity that alone does not change the outputs."""
+    return f"`{name}` does not reach the outputs"
 
 
 def _are_powers_simple(direction: np.ndarray, parts: list[int]) -> bool:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from cartpend_dae.directions import unreached
 from cartpend_dae.identify import Fit
 
 SIDES = {"_pos": "_neg", "_neg": "_pos"}
@@ -13,14 +14,15 @@ def mirrored(fit: Fit) -> Fit:
     Parameters
     ----------
     fit
-        A fit with parameters named in pairs, as `u_pos` and `u_neg`. Where one is unidentifiable the runs
-        look the same whatever its value, so that neither residuals nor other parameters change.
+        A fit with parameters named in pairs, as `u_pos` and `u_neg`. Where one does not reach the outputs the runs
+        look the same whatever its value, so that neither residuals nor other parameters change. One that is open only
+        together with others stays as it was fitted.
     """
     known = {e.name: e for e in fit.parameters if e.status != "unidentifiable"}
     parameters, notes = [], []
     for estimate in fit.parameters:
         other = known.get(estimate.name[:-4] + SIDES.get(estimate.name[-4:], ""))
-        if estimate.name in known or other is None:
+        if estimate.name in known or other is None or unreached(estimate.name) not in fit.blind:
             parameters.append(estimate)
             continue
         parameters.append(replace(estimate, value=other.value))
