@@ -325,12 +325,10 @@ def _screened(at: _At, batch: tuple[Insertion, ...], with_shapes: bool) -> _Batc
         return _Batch(one.judged + other.judged, one.again + other.again, one.rough | other.rough)
     judged = _predictions(batch, replace(found, sizes={**found.sizes, **found.rough}))
     refused = {name for c, _ in judged if c.insertion.prefix in found.refused for name in c.insertion.size_names}
-    judged = [(_refused(c, found.refused.get(c.insertion.prefix, "")), columns) for c, columns in judged]
+    for k, (c, columns) in enumerate(judged):
+        if why := found.refused.get(c.insertion.prefix):
+            judged[k] = replace(c, predicted=0.0, why_not=why, response=None), columns
     return _Batch(judged, found.again, frozenset(found.rough) - refused)
-
-
-def _refused(candidate: Candidate, why: str) -> Candidate:
-    return replace(candidate, predicted=0.0, why_not=why, response=None) if why else candidate
 
 
 def _problem_of(option: Insertion) -> str:
