@@ -185,7 +185,7 @@ def estimate(
     elif hessian == "exact":
         found = interior_point(problem, values, nodes, w, data, hessian=hessian)
     if found is None or problem.system.frictions.places:
-        found = gauss_newton(problem, values, nodes, w, data, iterations=iterations)
+        found = _searched(problem, values, nodes, w, data, iterations)
     if not patient or found.success:
         return _concluded(problem, found, w, data, weights_sd)
     further = interior_point(problem, values, nodes, w, data)
@@ -195,6 +195,25 @@ def estimate(
         if further.success:
             raise
         return _concluded(problem, found, w, data, weights_sd)
+
+
+def _searched(
+    problem: Problem, values: np.ndarray, nodes: np.ndarray, w: np.ndarray, data: np.ndarray, iterations: int
+) -> Solution:
+    """Search from segments that start where the data are, and, if that ends above it, from the simulation.
+
+    Where friction holds for good, or a gap is passed in another order, what is filtered from the data moves on, and
+    the first steps lose a point that is right.
+    """
+    found = gauss_newton(problem, values, nodes, w, data, iterations=iterations)
+    simulated = run_through(problem, values, w, data)[1][:, :: problem.layout.length]
+    if not np.all(np.isfinite(simulated)):
+        return found
+    begun = gauss_newton(problem, values, simulated, w, data, iterations=0)
+    if not begun.cost < found.cost:
+        return found
+    again = gauss_newton(problem, values, simulated, w, data, iterations=iterations)
+    return again if again.cost < found.cost else found
 
 
 def _concluded(problem: Problem, found: Solution, w: np.ndarray, data: np.ndarray, weights_sd: np.ndarray) -> Fit:

@@ -4,7 +4,7 @@ A law explains no less than one that it contains. Where its fit does, it went as
 so may one that explains much less than a richer law, of which it may be a case.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from cartpend_dae.discover.gate import is_clean
@@ -17,6 +17,8 @@ from cartpend_dae.effects import Insertion
 PEAK = 1.3
 # ... or as many as a law says that has this parameter
 RATIO = "r_s"
+# ... and where its fit does not tell, as it acts only where a run stops for good, it is tried at each of these
+PEAKS = (PEAK, 1.6, 2.0, 2.5)
 # ends of names of the speed above which a peak at rest has gone
 SPEEDS = (".w_s", ".v_s")
 # a law that leaves so many times more than a richer one starts from that
@@ -133,6 +135,19 @@ def shared(insertion: Insertion, rich: Candidate) -> dict[str, float]:
         if peak not in there and level in there:
             found[f"{insertion.prefix}.{peak}"] = there.get(RATIO, PEAK) * there[level]
     return found
+
+
+def with_peaks(insertion: Insertion, point: Mapping[str, float]) -> list[dict[str, float]]:
+    """Return a point, and with each height of a peak that is at rest alone.
+
+    How high it is shows by where runs stop for good, which changes at once, so that no slope leads there.
+    """
+    names, points = insertion.parameter_names, [dict(point)]
+    for peak, level in insertion.card.peaks.items():
+        high, low = f"{insertion.prefix}.{peak}", f"{insertion.prefix}.{level}"
+        if high in names and not any(name.endswith(SPEEDS) for name in names):
+            points += [dict(point) | {high: ratio * point[low]} for ratio in PEAKS]
+    return points
 
 
 def contradicts(candidate: Candidate) -> bool:

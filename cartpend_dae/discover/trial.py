@@ -10,7 +10,7 @@ from cartpend_dae.discover.disturbed import is_composite, judge, margin_of, orde
 from cartpend_dae.discover.evidence import bic, cancelled, coloured_bic
 from cartpend_dae.discover.gate import is_clean, is_noise_alone
 from cartpend_dae.discover.nearest import NARROW, left_by, left_early, nearest
-from cartpend_dae.discover.nested import chosen_otherwise, holds, own, restarted, simplified
+from cartpend_dae.discover.nested import chosen_otherwise, holds, own, restarted, simplified, with_peaks
 from cartpend_dae.discover.predicted import trials
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.rescan import rescanned
@@ -324,7 +324,11 @@ def _nearer(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) ->
     assert candidate.fit is not None
     # a free simulation may drift off at first; predictions do not
     least = bench.last or min(w for w in rules.stages if w > 0)
-    fit = bench.fit(together, candidate.fit.point, (least,), rules.sd, patient=False, iterations=LATER, stride=ROUGH)
+    fits = [
+        bench.fit(together, point, (least,), rules.sd, patient=False, iterations=LATER, stride=ROUGH)
+        for point in with_peaks(candidate.insertion, candidate.fit.point)
+    ]
+    fit = min(fits, key=lambda f: f.chi2 if np.isfinite(f.chi2) else np.inf)
     if not np.isfinite(fit.chi2):
         raise SolverError("its simulation diverges")
     return replace(candidate, fit=fit)

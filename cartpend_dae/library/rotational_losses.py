@@ -33,7 +33,7 @@ class StribeckFriction(CompliantWithSpeed):
     def equations(self) -> Statements:
         yield from super().equations()
         level = stribeck_level(self.w_rel, self.tau_c, self.tau_s, self.w_s)
-        yield self.tau == dry_friction(self.w_rel, level) + self.d * self.w_rel
+        yield self.tau == dry_friction(self.w_rel, level, static=self.tau_s) + self.d * self.w_rel
 
 
 class BreakawayFriction(CompliantWithSpeed):
@@ -49,7 +49,7 @@ class BreakawayFriction(CompliantWithSpeed):
     def equations(self) -> Statements:
         yield from super().equations()
         level = breakaway_level(self.w_rel, self.tau_c, self.tau_s, self.w_s)
-        yield self.tau == dry_friction(self.w_rel, level)
+        yield self.tau == dry_friction(self.w_rel, level, static=self.tau_s)
 
 
 class CreepingFriction(CompliantWithSpeed):

@@ -33,7 +33,7 @@ class StribeckFriction(CompliantWithSpeed):
     def equations(self) -> Statements:
         yield from super().equations()
         level = stribeck_level(self.v_rel, self.f_c, self.f_s, self.v_s)
-        yield self.f == dry_friction(self.v_rel, level) + self.d * self.v_rel
+        yield self.f == dry_friction(self.v_rel, level, static=self.f_s) + self.d * self.v_rel
 
 
 class BreakawayFriction(CompliantWithSpeed):
@@ -49,7 +49,7 @@ class BreakawayFriction(CompliantWithSpeed):
     def equations(self) -> Statements:
         yield from super().equations()
         level = breakaway_level(self.v_rel, self.f_c, self.f_s, self.v_s)
-        yield self.f == dry_friction(self.v_rel, level)
+        yield self.f == dry_friction(self.v_rel, level, static=self.f_s)
 
 
 class CreepingFriction(CompliantWithSpeed):
