@@ -189,12 +189,32 @@ def _friction_function(system: System) -> ca.Function:
     if not n:
         return ca.Function("hold", arguments, [ca.SX(0, 1)])
     law = friction_laws(s)
+    within, after = (_levels_later(system, law, share * h) for share in (0.5, 1.0))
     force = _joint_stop(law, h) if n > 1 else [ca.SX(0)]
     for _ in range(1 if n == 1 else 10):  # Gauss-Seidel sweeps over frictions that act on each other
         for i in range(n):
             coupling = sum((law.influence[i, j] * force[j] for j in range(n) if j != i), ca.SX(0))
-            force[i] = _mean_force(law, i, law.free[i] + coupling, h)
+            force[i] = _mean_force(law, i, law.free[i] + coupling, h, within[i], after[i])
     return ca.Function("hold", arguments, [ca.vertcat(*force)])
+
+
+def _levels_later(system: System, law: Friction, h: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
+    """Return the levels of each friction forward and backward, where it peaks at rest those of some time later if less.
+
+    What starts to move passes a peak that is narrow in no time. How far it is by then is found without friction.
+    """
+    s, n = system, law.speed.numel()
+    peaks = [i for i in range(n) if not ca.is_equal(law.static_pos[i], law.level_pos[i], 100)]
+    found = [(law.level_pos[i], law.level_neg[i]) for i in range(n)]
+    if peaks:
+        arguments = [s.time, s.x, s.z, s.u, s.p]
+        levels = ca.Function("levels", arguments, [law.level_pos, law.level_neg])
+        rate = ca.substitute(s.ode, s.frictions.force, ca.SX.zeros(n))
+        later = levels(s.time, s.x + h * rate, s.z, s.u, s.p)
+        for i in peaks:
+            forward, backward = found[i]
+            found[i] = ca.fmin(forward, later[0][i]), ca.fmin(backward, later[1][i])
+    return found
 
 
 def _joint_stop(law: Friction, h: ca.SX) -> list[ca.SX]:
@@ -209,19 +229,26 @@ def _joint_stop(law: Friction, h: ca.SX) -> list[ca.SX]:
     return [ca.fmin(ca.fmax(joint[i], -law.level_neg[i]), law.level_pos[i]) for i in range(n)]
 
 
-def _mean_force(law: Friction, i: int, free: ca.SX, h: ca.SX) -> ca.SX:
+def _mean_force(
+    law: Friction, i: int, free: ca.SX, h: ca.SX, within: tuple[ca.SX, ca.SX], after: tuple[ca.SX, ca.SX]
+) -> ca.SX:
     """Return the mean force of one friction over h, with the acceleration free + influence * force constant in parts.
 
     It slides at its level for the share of h until it stops; for the rest it holds, up to its static levels, or slides
-    the way it is pushed.
+    the way it is pushed, at its levels `after` h. Where it speeds up it slides at those `within` h.
     """
     tiny = 1e-30  # only keeps the unused branch finite where the motion does not slow down
     speed, influence, pos, neg = law.speed[i], law.influence[i, i], law.level_pos[i], law.level_neg[i]
     needed = -free / influence
     is_held = ca.logic_and(needed <= law.static_pos[i], -needed <= law.static_neg[i])
-    resting = ca.if_else(is_held, needed, ca.fmin(ca.fmax(needed, -neg), pos))
-    share_pos = ca.fmin(1, speed / ca.fmax(-(free + influence * pos) * h, tiny))
-    share_neg = ca.fmin(1, -speed / ca.fmax((free - influence * neg) * h, tiny))
-    forward = share_pos * pos + (1 - share_pos) * resting
-    backward = -share_neg * neg + (1 - share_neg) * resting
+    resting = ca.if_else(is_held, needed, ca.fmin(ca.fmax(needed, -after[1]), after[0]))
+    slowing_pos, slowing_neg = -(free + influence * pos), free - influence * neg
+    share_pos = ca.fmin(1, speed / ca.fmax(slowing_pos * h, tiny))
+    share_neg = ca.fmin(1, -speed / ca.fmax(slowing_neg * h, tiny))
+    forward = share_pos * _either(slowing_pos < 0, within[0], pos) + (1 - share_pos) * resting
+    backward = -share_neg * _either(slowing_neg < 0, within[1], neg) + (1 - share_neg) * resting
     return ca.if_else(speed >= 0, forward, backward)
+
+
+def _either(condition: ca.SX, one: ca.SX, other: ca.SX) -> ca.SX:
+    return other if ca.is_equal(one, other) else ca.if_else(condition, one, other)
