@@ -88,7 +88,7 @@ def friction_cards() -> tuple[Card, ...]:
             components={R: rotational_losses.BreakawayFriction, T: translational_losses.BreakawayFriction},
             parameters=(level("tau_c", "f_c"), level("tau_s", "f_s"), BAND),
             dissipative=True,
-            nested_in=(),
+            nested_in=("stribeck_friction",),
             equivalent_to={
                 "stribeck_friction": "speeds that are mostly above the band, or data too coarse to see its shape"
             },
