@@ -18,7 +18,7 @@ WS = shape("w_s", (0.1, 1.0), ("v_s", (0.005, 0.05)))
 # speed below which a contact creeps
 W_R = shape("w_r", (0.05,), ("v_r", (0.005,)))
 # a peak at rest alone: a wide band would be another Stribeck curve
-BAND = choice("w_s", (0.02,), ("v_s", (0.001,)))
+BAND = choice("w_s", (0.02, 0.004), ("v_s", (0.001, 0.0002)))
 AT_REST = {"tau_s": "tau_c", "f_s": "f_c"}
 PHI_S = shape("phi_s", (0.005, 0.05), ("s_s", (0.001, 0.01)))
 
