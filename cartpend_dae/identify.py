@@ -189,6 +189,9 @@ def estimate(
     if not patient or found.success:
         return _concluded(problem, found, w, data, weights_sd)
     further = interior_point(problem, values, nodes, w, data)
+    ends = further.cost if further.success else _simulated(problem, further.values, w, data).cost
+    if _simulated(problem, found.values, w, data).cost < ends:  # it ended where something changes at once
+        return _concluded(problem, found, w, data, weights_sd)
     try:
         return _concluded(problem, further, w, data, weights_sd)
     except SolverError:  # it went where fixed steps do not follow
@@ -206,14 +209,18 @@ def _searched(
     the first steps lose a point that is right.
     """
     found = gauss_newton(problem, values, nodes, w, data, iterations=iterations)
-    simulated = run_through(problem, values, w, data)[1][:, :: problem.layout.length]
-    if not np.all(np.isfinite(simulated)):
-        return found
-    begun = gauss_newton(problem, values, simulated, w, data, iterations=0)
+    begun = _simulated(problem, values, w, data)
     if not begun.cost < found.cost:
         return found
-    again = gauss_newton(problem, values, simulated, w, data, iterations=iterations)
+    again = gauss_newton(problem, values, begun.nodes, w, data, iterations=iterations)
     return again if again.cost < found.cost else found
+
+
+def _simulated(problem: Problem, values: np.ndarray, w: np.ndarray, data: np.ndarray) -> Solution:
+    """Return a point with segments that start where the one before ends; its cost is infinite where that diverges."""
+    nodes = run_through(problem, values, w, data)[1][:, :: problem.layout.length]
+    found = gauss_newton(problem, values, nodes, w, data, iterations=0)
+    return found if np.isfinite(found.cost) else replace(found, cost=np.inf)
 
 
 def _concluded(problem: Problem, found: Solution, w: np.ndarray, data: np.ndarray, weights_sd: np.ndarray) -> Fit:

@@ -3,9 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from test_discovery_choice import bench, fitted, names, noise, plain_fit  # noqa: F401
 
 from cartpend_dae.discover.bases import noise_alone, noise_rules
+from cartpend_dae.discover.nested import PEAKS, with_peaks
 from cartpend_dae.discover.search import _Log
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import NEAR, other_laws
@@ -53,3 +55,17 @@ def test_where_what_noise_found_stands_its_gains_do_too(fitted):  # noqa: F811
     log.judged = "forces"
     log.back_to(before)
     assert log.judged == "noise" and log.tried[in_noise.insertion.prefix].gain == 20_965.0
+
+
+def test_a_peak_that_is_at_rest_alone_is_tried_at_several_heights():
+    """No slope leads to it: from 1.3 times the level its fits ended as Coulomb friction that is too high."""
+    model = RotaDamp()
+    breakaway, stribeck = (
+        insertion_at(model, effect, "bearing") for effect in ("breakaway_friction", "stribeck_friction")
+    )
+    level, peak = breakaway.parameter_names
+    point = {"bearing.d": 0.02, level: 0.1, peak: 0.11}
+    points = with_peaks(breakaway, point)
+    assert points[0] == point and [one[peak] / one[level] for one in points[1:]] == [*map(pytest.approx, PEAKS)]
+    assert all(one["bearing.d"] == 0.02 for one in points)
+    assert with_peaks(stribeck, stribeck.starts) == [stribeck.starts]
