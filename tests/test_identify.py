@@ -293,7 +293,8 @@ def breakaway_problem(step=None, seed=0):
     system = assemble(model)
     names = ("rail.d", "inertial.m", "rail.breakaway_friction.f_c", "rail.breakaway_friction.f_s")
     free = tuple(free_parameter(system, name, guess=1.0, lower=0.0, upper=100.0) for name in names)
-    return make_problem(system, free, (experiment,), step=step), dict(zip(names, (10.0, 6.4, 2.2, 6.0), strict=True)), run
+    truth = dict(zip(names, (10.0, 6.4, 2.2, 6.0), strict=True))
+    return make_problem(system, free, (experiment,), step=step), truth, run
 
 
 def test_steps_much_longer_than_the_band_of_break_away_end_where_events_do():
