@@ -84,13 +84,13 @@ def _part_function(system: System, substeps: int) -> ca.Function:
     u_0, u_1, u_2 = (u_a + (k + share) / substeps * (u_b - u_a) for share in (0.0, 0.5, 1.0))
     if not ca.depends_on(system.alg, system.frictions.force):  # what holds a friction may follow the inputs at once
         z = solve(t_k + dt / 2, x, z, u_1, p_step, ca.SX.zeros(system.frictions.force.numel()))
-    force = hold(t_k, dt, x, z, u_1, p_step)
+    force = hold(t_k, dt, x, z, u_0, u_1, u_2, p_step)
     own, lags = ca.SX(x), shortest_lags(system)
     for _ in range(ROUNDS if lags else 0):
         rates = rate(t_k, x, z, u_1, p_step, force)
         for i, parameter in lags:
             own[i] = x[i] + ca.fmin(p_step[parameter], dt) * rates[i]
-        force = hold(t_k, dt, own, z, u_1, p_step)
+        force = hold(t_k, dt, own, z, u_0, u_1, u_2, p_step)
     x = own
     slopes = []
     for share, u in ((0.0, u_0), (0.5, u_1), (0.5, u_1), (1.0, u_2)):
@@ -140,9 +140,9 @@ def _measure_functions(system: System, substeps: int) -> tuple[ca.Function, ca.F
     if not ca.depends_on(s.alg, force):
         z_now = solve(s.time, x, z, s.u, s.p, held)
         if ca.depends_on(s.outputs, force):
-            held = hold(s.time, h / substeps, x, z_now, s.u, s.p)
+            held = hold(s.time, h / substeps, x, z_now, s.u, s.u, s.u, s.p)
     else:
-        held = hold(s.time, h / substeps, x, z, s.u, s.p)
+        held = hold(s.time, h / substeps, x, z, s.u, s.u, s.u, s.p)
         z_now = solve(s.time, x, z, s.u, s.p, held)
     outputs = ca.Function("outputs", [s.time, s.x, s.z, s.u, s.p, force], [s.outputs])
     value = outputs(s.time, x, z_now, s.u, s.p, held)
@@ -181,30 +181,33 @@ def _algebraic_function(system: System, steps: int = NEWTON) -> ca.Function:
 
 
 def _friction_function(system: System) -> ca.Function:
-    """Return (t, h, x, z, u, p) -> mean friction forces over a step h."""
+    """Return (t, h, x, z, u_0, u, u_2, p) -> mean friction forces over a step h, inputs at its start, middle and end."""
     s = system
     n = s.frictions.force.numel()
-    h = ca.SX.sym("h")
-    arguments = [s.time, h, s.x, s.z, s.u, s.p]
+    h, u_0, u_2 = ca.SX.sym("h"), ca.SX.sym("u_0", s.u.numel()), ca.SX.sym("u_2", s.u.numel())
+    arguments = [s.time, h, s.x, s.z, u_0, s.u, u_2, s.p]
     if not n:
         return ca.Function("hold", arguments, [ca.SX(0, 1)])
     law = friction_laws(s)
-    within, after = (_levels_later(system, law, share * h) for share in (0.5, 1.0))
+    free = ca.Function("free", [s.time, s.x, s.z, s.u, s.p], [law.free])
+    begin, end = free(s.time, s.x, s.z, u_0, s.p), free(s.time + h, s.x, s.z, u_2, s.p)
+    peaks = [i for i in range(n) if not ca.is_equal(law.static_pos[i], law.level_pos[i], 100)]
+    within, after = (_levels_later(system, law, peaks, share * h) for share in (0.5, 1.0))
     force = _joint_stop(law, h) if n > 1 else [ca.SX(0)]
     for _ in range(1 if n == 1 else 10):  # Gauss-Seidel sweeps over frictions that act on each other
         for i in range(n):
             coupling = sum((law.influence[i, j] * force[j] for j in range(n) if j != i), ca.SX(0))
-            force[i] = _mean_force(law, i, law.free[i] + coupling, h, within[i], after[i])
+            ends = (begin[i] + coupling, end[i] + coupling) if i in peaks else None
+            force[i] = _mean_force(law, i, law.free[i] + coupling, h, within[i], after[i], ends)
     return ca.Function("hold", arguments, [ca.vertcat(*force)])
 
 
-def _levels_later(system: System, law: Friction, h: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
+def _levels_later(system: System, law: Friction, peaks: list[int], h: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
     """Return the levels of each friction forward and backward, where it peaks at rest those of some time later if less.
 
     What starts to move passes a peak that is narrow in no time. How far it is by then is found without friction.
     """
     s, n = system, law.speed.numel()
-    peaks = [i for i in range(n) if not ca.is_equal(law.static_pos[i], law.level_pos[i], 100)]
     found = [(law.level_pos[i], law.level_neg[i]) for i in range(n)]
     if peaks:
         arguments = [s.time, s.x, s.z, s.u, s.p]
@@ -230,24 +233,42 @@ def _joint_stop(law: Friction, h: ca.SX) -> list[ca.SX]:
 
 
 def _mean_force(
-    law: Friction, i: int, free: ca.SX, h: ca.SX, within: tuple[ca.SX, ca.SX], after: tuple[ca.SX, ca.SX]
+    law: Friction,
+    i: int,
+    free: ca.SX,
+    h: ca.SX,
+    within: tuple[ca.SX, ca.SX],
+    after: tuple[ca.SX, ca.SX],
+    ends: tuple[ca.SX, ca.SX] | None,
 ) -> ca.SX:
     """Return the mean force of one friction over h, with the acceleration free + influence * force constant in parts.
 
     It slides at its level for the share of h until it stops; for the rest it holds, up to its static levels, or slides
-    the way it is pushed, at its levels `after` h. Where it speeds up it slides at those `within` h.
+    the way it is pushed, at its levels `after` h. Where it speeds up it slides at those `within` h. With what `free` is
+    at both `ends` of h it breaks away at some time within.
     """
     tiny = 1e-30  # only keeps the unused branch finite where the motion does not slow down
     speed, influence, pos, neg = law.speed[i], law.influence[i, i], law.level_pos[i], law.level_neg[i]
     needed = -free / influence
     is_held = ca.logic_and(needed <= law.static_pos[i], -needed <= law.static_neg[i])
     resting = ca.if_else(is_held, needed, ca.fmin(ca.fmax(needed, -after[1]), after[0]))
+    if ends is not None:
+        begin, end = -ends[0] / influence, -ends[1] / influence
+        resting = _broken_away(resting, begin, end, law.static_pos[i], after[0])
+        resting = -_broken_away(-resting, -begin, -end, law.static_neg[i], after[1])
     slowing_pos, slowing_neg = -(free + influence * pos), free - influence * neg
     share_pos = ca.fmin(1, speed / ca.fmax(slowing_pos * h, tiny))
     share_neg = ca.fmin(1, -speed / ca.fmax(slowing_neg * h, tiny))
     forward = share_pos * _either(slowing_pos < 0, within[0], pos) + (1 - share_pos) * resting
     backward = -share_neg * _either(slowing_neg < 0, within[1], neg) + (1 - share_neg) * resting
     return ca.if_else(speed >= 0, forward, backward)
+
+
+def _broken_away(resting: ca.SX, begin: ca.SX, end: ca.SX, static: ca.SX, level: ca.SX) -> ca.SX:
+    """Return the mean force where what must be held grows past the static level within a step, else `resting`."""
+    share = (static - begin) / ca.fmax(end - begin, 1e-30)
+    mean = share * (begin + static) / 2 + (1 - share) * ca.fmin(level, static)
+    return ca.if_else(ca.logic_and(begin < static, end > static), mean, resting)
 
 
 def _either(condition: ca.SX, one: ca.SX, other: ca.SX) -> ca.SX:
