@@ -181,7 +181,7 @@ def _algebraic_function(system: System, steps: int = NEWTON) -> ca.Function:
 
 
 def _friction_function(system: System) -> ca.Function:
-    """Return (t, h, x, z, u_0, u, u_2, p) -> mean friction forces over a step h, inputs at its start, middle and end."""
+    """Return (t, h, x, z, u_0, u, u_2, p) -> mean friction forces over a step h; inputs at its start, middle, end."""
     s = system
     n = s.frictions.force.numel()
     h, u_0, u_2 = ca.SX.sym("h"), ca.SX.sym("u_0", s.u.numel()), ca.SX.sym("u_2", s.u.numel())
