@@ -6,7 +6,7 @@ import numpy as np
 
 from cartpend_dae.discover.disturbed import ALIKE as ALIKE_WEIGHED
 from cartpend_dae.discover.disturbed import fitted, is_composite
-from cartpend_dae.discover.evidence import determined
+from cartpend_dae.discover.evidence import determined, peaks_alone
 from cartpend_dae.discover.gate import is_clean, residuals
 from cartpend_dae.discover.records import Candidate, Gate, Step
 from cartpend_dae.discover.screen import is_other_law
@@ -60,10 +60,15 @@ def ordered_by_bic(bench: Workbench, judged: list[Candidate], base: Base, rules:
     assert best.fit is not None
     alike = [c for c in good if best.gain - c.gain < _margin(c, best) or _is_shapeless(c, judged, base)]
     alike = [c for c in alike if not is_composite(c.insertion)] or alike
-    fewest = min(determined(c.fit) for c in alike)
-    first = _likeliest(bench, _plainest([c for c in alike if determined(c.fit) == fewest]), base, rules)
+    fewest = min(_numbers(c) for c in alike)
+    first = _likeliest(bench, _plainest([c for c in alike if _numbers(c) == fewest]), base, rules)
     others = [replace(c, why_not=c.why_not or second(c, first)) for c in judged if c is not first]
     return [first, *others]
+
+
+def _numbers(candidate: Candidate) -> int:
+    """Return how many numbers a fit has; the height of a peak at rest alone is tried, and all in a range are alike."""
+    return determined(candidate.fit) - len(peaks_alone(candidate.insertion))
 
 
 def _is_determined(candidate: Candidate) -> bool:

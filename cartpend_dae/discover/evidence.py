@@ -14,6 +14,9 @@ LONG = 10
 # correlation of two parameters above which the variance of each is a hundred times what it were without the other
 ONE = 0.995
 
+# ends of names of the speed above which a peak at rest has gone
+SPEEDS = (".w_s", ".v_s")
+
 
 @dataclass(frozen=True, slots=True)
 class Robust:
@@ -21,6 +24,18 @@ class Robust:
 
     cost: float
     sd: dict[str, float]
+
+
+def peaks_alone(insertion: Insertion) -> dict[str, str]:
+    """Return the names of peaks at rest that no speed goes with, and of the levels below them.
+
+    How high one is shows by where runs stop for good, which changes at once, so that no slope leads there.
+    """
+    names, before = insertion.parameter_names, insertion.prefix
+    if any(name.endswith(SPEEDS) for name in names):
+        return {}
+    peaks = {f"{before}.{peak}": f"{before}.{level}" for peak, level in insertion.card.peaks.items()}
+    return {peak: level for peak, level in peaks.items() if peak in names}
 
 
 def determined(fit: Fit | None) -> int:

@@ -7,6 +7,7 @@ so may one that explains much less than a richer law, of which it may be a case.
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+from cartpend_dae.discover.evidence import SPEEDS, peaks_alone
 from cartpend_dae.discover.gate import is_clean
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.screen import is_other_law
@@ -19,8 +20,6 @@ PEAK = 1.3
 RATIO = "r_s"
 # ... and where its fit does not tell, as it acts only where a run stops for good, it is tried at each of these
 PEAKS = (PEAK, 1.6, 2.0, 2.5)
-# ends of names of the speed above which a peak at rest has gone
-SPEEDS = (".w_s", ".v_s")
 # a law that leaves so many times more than a richer one starts from that
 MUCH = 2.0
 # ends of names of a parameter each way
@@ -138,16 +137,9 @@ def shared(insertion: Insertion, rich: Candidate) -> dict[str, float]:
 
 
 def with_peaks(insertion: Insertion, point: Mapping[str, float]) -> list[dict[str, float]]:
-    """Return a point, and with each height of a peak that is at rest alone.
-
-    How high it is shows by where runs stop for good, which changes at once, so that no slope leads there.
-    """
-    names, points = insertion.parameter_names, [dict(point)]
-    for peak, level in insertion.card.peaks.items():
-        high, low = f"{insertion.prefix}.{peak}", f"{insertion.prefix}.{level}"
-        if high in names and not any(name.endswith(SPEEDS) for name in names):
-            points += [dict(point) | {high: ratio * point[low]} for ratio in PEAKS]
-    return points
+    """Return a point, and with each height of a peak that is at rest alone."""
+    peaks = peaks_alone(insertion).items()
+    return [dict(point), *(dict(point) | {high: ratio * point[low]} for high, low in peaks for ratio in PEAKS)]
 
 
 def contradicts(candidate: Candidate) -> bool:
