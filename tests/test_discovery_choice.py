@@ -178,6 +178,22 @@ def test_what_takes_far_more_than_noise_to_noise_alone_mends_no_shape(plain_fit,
     assert not is_far_from_noise(replace(plain_fit, chi2=1.1 * FAR * n), replace(noise, chi2=2.0 * n))
 
 
+def test_the_height_of_a_peak_at_rest_alone_is_tried_and_not_counted(bench, plain_fit, noise, fitted):
+    """Counted, it lost the break-away friction of the measured motor to Coulomb friction, and then nothing was found.
+
+    Both have one number then, so that what explains more comes first; one with a speed of its own has more.
+    """
+    base = Base((), {0.0: plain_fit}, plain_fit.chi2)
+    rules = Rules("noise", (0.0,), 0.0, np.array([1e-3]))
+    coulomb = fitted("coulomb_friction", 3000.0, 0.2 * plain_fit.chi2, tau_c=0.1)
+    breakaway = fitted("breakaway_friction", 3006.0, 0.2 * plain_fit.chi2, tau_c=0.1, tau_s=0.2)
+    stribeck = fitted("stribeck_friction", 3008.0, 0.2 * plain_fit.chi2, tau_c=0.1, tau_s=0.2, w_s=0.05)
+    three = [replace(c, fit=replace(noise, parameters=c.fit.parameters)) for c in (coulomb, breakaway, stribeck)]
+    assert names(ordered_by_bic(bench, three, base, rules))[0] == "breakaway_friction"
+    three[1] = replace(three[1], gain=3002.0)
+    assert names(ordered_by_bic(bench, three, base, rules))[0] == "coulomb_friction"
+
+
 def test_where_none_leaves_noise_sizes_that_are_not_determined_come_last(bench, plain_fit, fitted):
     base = Base((), {0.0: plain_fit}, plain_fit.chi2)
     rules = Rules("noise", (0.0,), 0.0, np.array([1e-3]))

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from cartpend_dae import Component, Param, Statements, der, param, signal, var
+from cartpend_dae import Component, Param, Statements, der, dry_friction, param, signal, var
 from cartpend_dae.assemble import assemble
+from cartpend_dae.library.laws import breakaway_level
 from cartpend_dae.stepping import runge_kutta
 
 
@@ -41,3 +42,36 @@ def test_a_current_that_passes_zero_in_a_sharp_law_is_found_with_its_slope(v, gu
     exact = current(v)
     assert found[0] == pytest.approx(exact, rel=1e-9, abs=1e-9)
     assert slope == pytest.approx([1 / (0.86 + 0.5 / 0.25 / np.cosh(exact / 0.25) ** 2), 0.0], rel=1e-6, abs=1e-6)
+
+
+class Pulled(Component):
+    """A block at rest on dry ground, pulled by a force: m v' = f - friction, f_c while it slides and f_s at rest."""
+
+    f = signal("in", unit="N")
+    v = var(unit="m/s", start=0.0)
+    m: Param = param(unit="kg", default=2.0)
+    f_c: Param = param(unit="N", default=1.0)
+    f_s: Param = param(unit="N", default=3.0)
+    v_s: Param = param(unit="m/s", default=1e-4)
+
+    def equations(self) -> Statements:
+        level = breakaway_level(self.v, self.f_c, self.f_s, self.v_s)
+        yield self.m * der(self.v) == self.f - dry_friction(self.v, level, static=self.f_s)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize("ends", [(0.0, 4.0), (2.5, 3.1), (0.0, 30.0)])
+def test_a_block_breaks_away_at_the_moment_within_a_step_when_the_force_passes_its_peak(way, ends):
+    """Its speed at the end of one step is that of the closed form, m v = int (f - f_c) dt from that moment on."""
+    system, h = assemble(Pulled()), 0.1
+    p = [q.value for q in system.parameters]
+    found = float(runge_kutta(system).function(0.0, h, [0.0], way * ends[0], way * ends[1], p))
+    begin = h * (3.0 - ends[0]) / (ends[1] - ends[0])
+    exact = ((3.0 + ends[1]) / 2 - 1.0) * (h - begin) / 2.0
+    assert found == pytest.approx(way * exact, rel=1e-6)
+
+
+def test_a_block_that_is_pulled_with_less_than_its_peak_stays_at_rest():
+    system = assemble(Pulled())
+    step, p = runge_kutta(system).function, [q.value for q in system.parameters]
+    assert [float(step(0.0, 0.1, [0.0], 2.9 * a, 2.9 * b, p)) for a, b in ((0, 1), (1, 0), (-1, 1))] == [0.0] * 3
