@@ -27,6 +27,10 @@ class SolverError(CartpendError, RuntimeError):
     """The numbers failed: an integrator, a start value problem or an estimation did not converge."""
 
 
+# what one model that is tried among others may end with; the others are tried all the same
+UNSOLVED = (ModelError, StructureError, SolverError)
+
+
 class CutOffError(CartpendError, RuntimeError):
     """Something outside ended the work: a full disk, workers that died, a cluster that is gone. Mend it and resume."""
 

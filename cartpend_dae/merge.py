@@ -10,6 +10,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
+from cartpend_dae.errors import StructureError
 from cartpend_dae.system import Frictions, System
 
 # share of a friction whose level is zero, so that shares are defined when all levels are
@@ -28,7 +29,13 @@ def merge_frictions(system: System) -> System:
     ----------
     system
         The sorted system.
+
+    Raises
+    ------
+    StructureError
+        If the speed of a friction follows from the friction itself.
     """
+    _check_masses(system)
     groups = _groups(system)
     if len(groups) == system.frictions.force.numel():
         return system
@@ -67,6 +74,17 @@ def merge_frictions(system: System) -> System:
     hybrid = replace(system.hybrid.with_laws(laws), modes=tuple(modes))
     starts = replace(system.initials, residual=initials)
     return replace(system, ode=ode, alg=alg, outputs=outputs, initials=starts, frictions=merged, hybrid=hybrid)
+
+
+def _check_masses(system: System) -> None:
+    """Refuse dry friction on what has no mass: the force that holds it would follow from itself."""
+    frictions = system.frictions
+    pairs = zip(frictions.places, ca.vertsplit(frictions.speed), strict=True)
+    if loose := [place for place, speed in pairs if ca.depends_on(speed, frictions.force)]:
+        raise StructureError(
+            f"{system.name}: the speed at which {' and '.join(f'`{place}`' for place in loose)} rubs follows from its "
+            f"own dry friction, as nothing there has a mass. Give one of the parts that it joins a mass or an inertia."
+        )
 
 
 def _feels_sums(system: System, rates: ca.SX, groups: list[list[tuple[int, ca.SX]]]) -> list[bool]:

@@ -11,6 +11,7 @@ from cartpend_dae.discover.workbench import renamed
 from cartpend_dae.effects import Insertion, catalogue, insert
 from cartpend_dae.effects.card import E, R, T
 from cartpend_dae.effects.places import place_at
+from cartpend_dae.library.electrical import DCMotor
 from cartpend_dae.library.planar import HangingRod
 from cartpend_dae.library.rotational import Spring
 from cartpend_dae.problem import free_parameter, make_problem
@@ -21,11 +22,13 @@ from models.rota_damp import RotaDamp
 
 
 def called(card):
-    """Name a card; some effects have several: by the force in a bearing, of all signals, under the whole rig."""
+    """Name a card; some effects have several: by the force in a bearing, of all signals, by what they stand beside."""
     if card.load:
         return f"{card.id} at a bearing"
     if card.insertion == "clock" or (card.id == "base_compliance" and card.is_elsewhere):
         return f"{card.id} of all"
+    if card.is_massless:
+        return f"{card.id} beside no mass"
     return f"{card.id} under a body" if HangingRod in card.hosts else card.id
 
 
@@ -67,10 +70,19 @@ class SprungPendulum(RotaDamp):
         yield connect(self.spring.flange_b, self.bearing.flange_b)
 
 
+class HeavyRotor(DrivenCart):
+    """The driven cart with a rotor that has inertia."""
+
+    def __post_init__(self):
+        super().__post_init__()
+        self.motor = DCMotor(R=0.739, k=0.170, J=2e-4)
+
+
 SPRUNG = Rig(SprungPendulum, ("bearing.phi",), (), (("bearing.phi", 1.2), ("bearing.w", 0.0)))
 PENDULUM = Rig(RotaDamp, ("bearing.phi",), (), (("bearing.phi", 1.2), ("bearing.w", 0.0)))
 SPRINGS = Rig(LinearDampMod, ("encoder.s",))
 DRIVEN = Rig(DrivenCart, ("encoder.s", "bearing.phi", "motor.i"), ("amplifier.u",))
+HEAVY = Rig(HeavyRotor, DRIVEN.outputs, DRIVEN.inputs)
 
 # where each manner of insertion is shown, by kind of port
 SHOWN = {
@@ -84,6 +96,8 @@ SHOWN = {
     ("clock", None): (PENDULUM, "time"),
 }
 ELSEWHERE = {
+    ("compliance", R): (HEAVY, "gears.flange_R"),
+    ("compliance beside no mass", T): (DRIVEN, "gears.flange_T"),
     ("one_sided_spring", R): (SPRUNG, "spring"),
     ("one_sided_spring", T): (SPRINGS, "spring_1"),
     ("base_compliance", R): (PENDULUM, "ground.flange"),
@@ -124,6 +138,8 @@ OTHER_SIZES = {
     ("load_dependent_friction", R): {"tau_c": 0.05},
     ("compliance", R): {"h": 0.05},
     ("compliance", T): {"h": 1e-4},
+    ("compliance beside no mass", R): {"h": 0.3},
+    ("compliance beside no mass", T): {"h": 4e-5},
     ("base_compliance", R): {"h": 2.0},
     ("base_compliance of all", T): {"w_c": 17.0, "n": 400.0},
     ("base_compliance under a body", T): {"h": 0.05, "m": 5.0, "w_c": 17.0, "n": 400.0},

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from effect_scenes import CARDS
 
-from cartpend_dae import Component, ModelError, StudyError, assemble, connect, simulate
+from cartpend_dae import Component, ModelError, StructureError, StudyError, assemble, connect, simulate
 from cartpend_dae.effects import Insertion, catalogue, fits, insert, insertion_at, places
+from cartpend_dae.effects.massless import without_mass
 from cartpend_dae.effects.rebuild import rebuild
 from cartpend_dae.effects.walk import component_at, walk
-from cartpend_dae.library import electrical_losses, rotational, translational
+from cartpend_dae.library import electrical, electrical_losses, rotational, translational
 from cartpend_dae.session import open_study
 from cartpend_dae.splice import divert, scale
 from models.driven_cart import DrivenCart
@@ -216,6 +217,60 @@ def test_a_compliance_is_a_spring_below_its_cut_off():
     crossings = run.time[1:][(s[1:] > 10 * h) & (s[:-1] <= 10 * h)]
     period = np.diff(crossings).mean()
     assert 2 * np.pi / period == pytest.approx(1 / np.sqrt(m * h + 1 / w_c**2), rel=1e-3)
+
+
+class Winch(Component):
+    """A motor that moves a mass by an ideal gear: without inertia of its rotor, unless it has one."""
+
+    def __init__(self, L=0.0, J=0.0):
+        self.amplifier, self.motor = electrical.Amplifier(gain=1.0), electrical.DCMotor(R=0.7, k=0.2, L=L, J=J)
+        self.gears, self.load = rotational.IdealGearR2T(ratio=20.0), translational.Mass(m=3.0)
+
+    def equations(self):
+        yield connect(self.amplifier.pin_p, self.motor.pin_p)
+        yield connect(self.amplifier.pin_n, self.motor.pin_n)
+        yield connect(self.motor.shaft, self.gears.flange_R)
+        yield connect(self.gears.flange_T, self.load.flange_a)
+
+
+def test_no_mass_enters_what_follows_from_speeds_at_once():
+    forces = ("motor.shaft.tau", "gears.flange_R.tau", "gears.flange_T.f", "load.flange_a.f")
+    # the last two hold their force, of which the motor's torque is a share
+    assert without_mass(Winch(), forces) == without_mass(Winch(L=0.01), forces) == frozenset(forces)
+    assert without_mass(Winch(J=1e-4), forces) == frozenset()
+    assert without_mass(Winch(J=1e-4), ("motor.emf.flange.tau",)) == {"motor.emf.flange.tau"}
+    # friction holds by what masses do
+    rubbing = DrivenCart()
+    rubbing.rail = translational.RailFriction(d=12.0, f_c=2.0)
+    assert without_mass(DrivenCart(), ("rail.f",)) == {"rail.f"} and without_mass(rubbing, ("rail.f",)) == frozenset()
+    found = {place.at: place.is_massless for place in by_manner(DrivenCart())["series"].values()}
+    assert [at for at, is_massless in found.items() if is_massless] == ["gears.flange_R", "gears.flange_T"]
+    with pytest.raises(ModelError, match=r"no variable `load.tau`"):
+        without_mass(Winch(), ("load.tau",))
+
+
+def test_what_has_no_mass_cannot_rub():
+    """The force that holds it would follow from the speed, and that from the force."""
+    springy = insert(DrivenCart(), "compliance", "motor.shaft", h=0.1)
+    with pytest.raises(StructureError, match=r"`motor.iron_loss` rubs follows from its own dry friction.* Give one"):
+        assemble(insert(springy, "iron_loss", "motor", tau_c=0.01))
+
+
+@pytest.mark.parametrize("T_d", [0.0, 0.01])
+def test_what_gives_way_beside_a_rotor_without_inertia_is_its_inductance(T_d):
+    """u = R i + k (w + der(q)) and tau = k i = c q + d der(q): with d = 0 an inductance k^2/c."""
+    h, k = 0.4, 0.2
+    curve = (np.array([0.0, 0.1, 0.1001, 3.0]), np.array([0.0, 0.0, 5.0, 5.0]))
+    winch = insert(Winch(), "compliance", "motor.shaft", h=h, T_d=T_d)
+    run = simulate(winch, 1.0, points=101, inputs={"amplifier.u": curve}, rtol=1e-9, atol=1e-12)
+    if T_d == 0:
+        coil = simulate(Winch(L=k**2 * h), 1.0, points=101, inputs={"amplifier.u": curve}, rtol=1e-9, atol=1e-12)
+        for name in ("motor.i", "load.s"):
+            np.testing.assert_allclose(run[name], coil[name], rtol=0, atol=1e-6)
+    else:  # the speed of the rotor by which the torque rises, that is of spring and damper
+        w = np.gradient(run["motor.shaft.compliance.q"], run.time)
+        back = 5.0 - 0.7 * run["motor.i"] - k * 20.0 * run["load.v"]
+        np.testing.assert_allclose(-k * w[20:-1], back[20:-1], rtol=0.02, atol=0.02)
 
 
 def test_a_rig_on_a_base_swings_at_the_frequencies_of_both_masses():

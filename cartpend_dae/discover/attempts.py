@@ -8,7 +8,7 @@ import numpy as np
 
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.workbench import Workbench
-from cartpend_dae.errors import ModelError, SolverError
+from cartpend_dae.errors import UNSOLVED
 from cartpend_dae.parallel import executor, in_parallel, is_shared
 
 # what a work on a candidate finds out
@@ -28,7 +28,7 @@ def each(
     def attempt(candidate: Candidate) -> dict[str, Any]:
         try:
             done = work(at, candidate)
-        except (SolverError, ModelError) as error:
+        except UNSOLVED as error:
             done = replace(candidate, gain=0.0, t=0.0, fit=None, why_not=f"its fit failed: {error}")
         return {name: getattr(done, name) for name in FOUND}
 

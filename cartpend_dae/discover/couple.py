@@ -26,7 +26,7 @@ from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import MIN_BIC_GAIN
 from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.effects import Insertion
-from cartpend_dae.errors import ModelError, SolverError
+from cartpend_dae.errors import UNSOLVED, SolverError
 from cartpend_dae.identify import Fit
 
 # so many of the best couples are fitted with less injection, in so many steps, and the best to the end
@@ -317,7 +317,7 @@ def _fitted(
         guess = before.point | dict(pair.parameters) if pair.fit is None else pair.fit.point
         try:
             return bench.fit(together, guess, stages, rules.sd, patient=False, iterations=iterations, stride=stride)
-        except (SolverError, ModelError):
+        except UNSOLVED:
             return None
 
     bench.begin("couples", len(couples))

@@ -20,7 +20,7 @@ from cartpend_dae.discover.shortlist import each_wave
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.effects import Insertion
-from cartpend_dae.errors import ModelError, SolverError
+from cartpend_dae.errors import UNSOLVED
 from cartpend_dae.identify import Fit
 
 # so many couples are fitted, of which one is fitted in so many steps to see what shows beside it
@@ -108,7 +108,7 @@ def beside(
         try:
             at, fit = _shown(bench, base, rules, one, stage)
             screened = screen(bench, taken, fit.point, rest, at, rules.sd)
-        except (SolverError, ModelError):
+        except UNSOLVED:
             continue
         able = [c for c in screened if not c.why_not and not is_other_law(c, one)]
         others = _plain(able)[:SECOND]

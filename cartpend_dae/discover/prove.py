@@ -24,7 +24,7 @@ from cartpend_dae.discover.workbench import (
 )
 from cartpend_dae.effects import Card, Insertion, Place, catalogue, insert_all, places
 from cartpend_dae.effects.catalogue import checked
-from cartpend_dae.errors import ModelError, SolverError
+from cartpend_dae.errors import UNSOLVED, ModelError
 from cartpend_dae.everyday import quantity
 from cartpend_dae.identify import Fit
 from cartpend_dae.language import Component
@@ -220,7 +220,7 @@ def _beyond(bench: Workbench, outcome: Search, asked: _Asked) -> Iterator[Beyond
             for left in open_set_so_far(bench, outcome, kinds=KINDS, until_noise=is_soon, seed=asked.seed):
                 found = replace(found, open_set=left)
                 yield found
-        except (ModelError, SolverError) as error:
+        except UNSOLVED as error:
             bench.report("what is left", str(error), float("nan"))
     found = replace(found, splits=splits(bench, outcome))
     yield found

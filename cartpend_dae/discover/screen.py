@@ -11,11 +11,11 @@ from scipy.optimize import lsq_linear
 from cartpend_dae.discover.disturbed import is_composite, predictions
 from cartpend_dae.discover.records import Candidate, Prediction
 from cartpend_dae.discover.slopes import basis_of
-from cartpend_dae.discover.sweep import Sweep, alone_with, one_by_one, sweep
+from cartpend_dae.discover.sweep import Sweep, alone_with, batches, one_by_one, sweep
 from cartpend_dae.discover.weigh import Weighed
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place, fits
-from cartpend_dae.errors import ModelError, SolverError
+from cartpend_dae.errors import UNSOLVED
 from cartpend_dae.parallel import in_parallel
 from cartpend_dae.problem import Problem
 
@@ -139,7 +139,7 @@ def promise(
     names = tuple(option.content for option in (*taken, *options))
     at = _At(bench, taken, point, bandwidth, sd, None)
     depends = names, len(taken), dict(point), bandwidth, sd
-    batch = _batches(options)[0]
+    batch = batches(options)[0]
     parts = [part for part in (batch[::2], batch[1::2]) if part]
 
     def most() -> float:
@@ -151,7 +151,7 @@ def promise(
 def _promise(at: "_At", batch: tuple[Insertion, ...]) -> float:
     try:
         found = at.sweep(batch, False)
-    except (SolverError, ModelError):
+    except UNSOLVED:
         return 0.0
     smooth = tuple(option for option in batch if all(name in found.sizes for name in option.size_names))
     return max((c.predicted for c, _ in _predictions(smooth, found) if not c.why_not), default=0.0)
@@ -159,12 +159,12 @@ def _promise(at: "_At", batch: tuple[Insertion, ...]) -> float:
 
 def _kept(at: "_At", options: list[Insertion]) -> list[Prediction]:
     """Screen all, as it can be kept on disk."""
-    batches = _batches(options)
+    grouped = batches(options)
     # shapes are looked for along the first batch, which takes longest: it is judged in two parts
-    parts = [part for batch in batches[:1] for part in (batch[::2], batch[1::2]) if part]
-    done = _swept(at, [*parts, *batches[1:]], with_shapes=True)
+    parts = [part for batch in grouped[:1] for part in (batch[::2], batch[1::2]) if part]
+    done = _swept(at, [*parts, *grouped[1:]], with_shapes=True)
     again = [option for batch in done for option in batch.again]
-    pairs = _settled(at, [*done, *_swept(at, _batches(again), with_shapes=False)])
+    pairs = _settled(at, [*done, *_swept(at, batches(again), with_shapes=False)])
     named = {option.prefix: k for k, option in enumerate(options)}
     found = _probed(at, pairs) if at.weighed is None else predictions(pairs, at.weighed)
     return [
@@ -219,7 +219,7 @@ def _probed(at: "_At", pairs: list["_Judged"]) -> list[Candidate]:
         return found
     try:
         base = at.alone(able[0][0].insertion)
-    except (SolverError, ModelError):
+    except UNSOLVED:
         return found
     whole = _left(base.residual, base.base)
     plain = (c.predicted for c in found if not c.why_not and not c.insertion.card.resonates)
@@ -243,13 +243,13 @@ def _at_sizes(at: "_At", pair: "_Judged", whole: float) -> Candidate:
         return candidate
     try:
         problem = at.problem(insertion)
-    except (SolverError, ModelError):
+    except UNSOLVED:
         return candidate
     if not any(state.removeprefix("der(").startswith(f"{insertion.prefix}.") for state in problem.system.states):
         return candidate
     for share in PROBES:
         values = insertion.starts | {name: share * np.sqrt(whole) / slope}
-        with contextlib.suppress(SolverError, ModelError):
+        with contextlib.suppress(*UNSOLVED):
             there = at.alone(insertion, values, problem)
             predicted = whole - _left(there.residual, np.column_stack([there.base, *there.sizes.values()]))
             if predicted > best.predicted:
@@ -261,17 +261,6 @@ def _left(residual: np.ndarray, columns: np.ndarray) -> float:
     """Return the squares that no combination of columns explains."""
     basis = basis_of(columns)
     return float(np.sum((residual - basis @ (basis.T @ residual)) ** 2))
-
-
-def _batches(options: list[Insertion]) -> list[tuple[Insertion, ...]]:
-    """Group the candidates so that no effect stands twice at a place."""
-    batches: list[dict[str, Insertion]] = []
-    for option in options:
-        batch = next((b for b in batches if option.prefix not in b), None)
-        if batch is None:
-            batches.append(batch := {})
-        batch[option.prefix] = option
-    return [tuple(batch.values()) for batch in batches]
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,7 +306,7 @@ def _screened(at: _At, batch: tuple[Insertion, ...], with_shapes: bool) -> _Batc
     """Judge a batch together, and halves where something cannot be simulated."""
     try:
         found = at.sweep(batch, with_shapes)
-    except (SolverError, ModelError) as error:
+    except UNSOLVED as error:
         if len(batch) == 1:
             return _Batch([_untried(batch[0], error)])
         half = len(batch) // 2
@@ -342,13 +331,13 @@ def _alone(at: _At, options: list[Insertion]) -> list[_Judged]:
     """Judge options that have one problem, each from where it starts."""
     try:
         problem = at.problem(options[0])
-    except (SolverError, ModelError) as error:
+    except UNSOLVED as error:
         return [_untried(option, error) for option in options]
     found: list[_Judged] = []
     for option in options:
         try:
             found += _predictions((option,), at.alone(option, option.starts, problem))
-        except (SolverError, ModelError) as error:
+        except UNSOLVED as error:
             found.append(_untried(option, error))
     return found
 

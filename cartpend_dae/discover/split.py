@@ -20,7 +20,7 @@ from cartpend_dae.discover.choice import named
 from cartpend_dae.discover.records import Candidate, Search, Step
 from cartpend_dae.discover.workbench import ROUGH, Workbench, assembled, renamed
 from cartpend_dae.effects import Insertion
-from cartpend_dae.errors import ModelError, SolverError
+from cartpend_dae.errors import UNSOLVED, SolverError
 from cartpend_dae.experiment_design import Plan, candidates
 from cartpend_dae.identify import Fit
 from cartpend_dae.parallel import is_shared
@@ -105,7 +105,7 @@ def splits(bench: Workbench, search: Search, *, plan: Plan | None = None) -> tup
             if fit.chi2 > APART * search.final.chi2:
                 return Split(chosen.prefix, rival.insertion.prefix, (), fit.chi2 / search.final.chi2)
             ranking = _ranked(at, (taken, search.final), (together, fit), plan)
-        except (SolverError, ModelError):
+        except UNSOLVED:
             return None
         return Split(chosen.prefix, rival.insertion.prefix, ranking)
 

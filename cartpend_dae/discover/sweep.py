@@ -68,6 +68,23 @@ class Sweep:
     rough: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
+def batches(options: list[Insertion]) -> list[tuple[Insertion, ...]]:
+    """Group the candidates so that no effect stands twice at a place.
+
+    A link behind a rotor without inertia stands apart: dry friction, a loss or another link there may need that it is
+    rigid.
+    """
+    found: list[dict[str, Insertion]] = []
+    for option in sorted(options, key=lambda o: o.card.is_massless is True):
+        is_apart = option.card.is_massless is True
+        alike = (b for b in found if all((o.card.is_massless is True) is is_apart for o in b.values()))
+        batch = next((b for b in alike if option.prefix not in b), None)
+        if batch is None:
+            found.append(batch := {})
+        batch[option.prefix] = option
+    return [tuple(batch.values()) for batch in found]
+
+
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def sweep(
     bench: Workbench,

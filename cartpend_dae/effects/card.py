@@ -90,6 +90,9 @@ class Card:
     is_elsewhere
         It does not go where the model knows the force in a bearing, or a body hangs that tells it: another card of
         its id does.
+    is_massless
+        Of a link: it goes only where it passes on what a current makes and no mass enters that (True), or only
+        elsewhere (False).
     constant, reads
         Of a law: the parameter of the host that it multiplies, and {input of the effect: variable of the host}.
     units
@@ -130,6 +133,7 @@ class Card:
     hosts: tuple[type[Component], ...] = ()
     load: str = ""
     is_elsewhere: bool = False
+    is_massless: bool | None = None
     constant: str = ""
     reads: Mapping[str, str] = field(default_factory=dict)
     units: tuple[str, ...] = ()

@@ -16,7 +16,7 @@ import casadi as ca
 
 from cartpend_dae.effects.card import GIVEN, Card, E, EffectParameter
 from cartpend_dae.effects.catalogue import variants_of
-from cartpend_dae.effects.places import Place, fits, misplaced, place_at, places_at, taken_from
+from cartpend_dae.effects.places import Place, fits, misplaced, places_at, taken_from
 from cartpend_dae.effects.rebuild import rebuild
 from cartpend_dae.effects.walk import component_at
 from cartpend_dae.errors import ModelError
@@ -200,12 +200,13 @@ def _insertion(
             if fits(card, alone):
                 return Insertion(card, at, values)
         raise ModelError(misplaced(model, variants[-1], at.at, list(places_at(model, variants[-1], at.at))))
-    for card in variants[:-1]:
-        try:
-            return Insertion(card, place_at(model, card, at or ""), values)
-        except ModelError:  # it does not go there; the next one may
-            continue
-    return Insertion(variants[-1], place_at(model, variants[-1], at or ""), values)
+    known: list[str] = []
+    for card in variants:
+        found = places_at(model, card, at or "")
+        if at in found:
+            return Insertion(card, found[at], values)
+        known += found
+    raise ModelError(misplaced(model, variants[-1], at or "", list(dict.fromkeys(known))))
 
 
 def _check_made(model: Component) -> None:

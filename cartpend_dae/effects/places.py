@@ -1,30 +1,25 @@
 """Where effects may stand in a model, one place for each motion, force or signal that data can tell apart."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import casadi as ca
-
-from cartpend_dae.alias import alias
 from cartpend_dae.effects.card import Card, E, Kind, Manner, R, T
 from cartpend_dae.effects.catalogue import catalogue, checked
+from cartpend_dae.effects.massless import without_mass
+from cartpend_dae.effects.reading import Motion, Reading, motion_of, read
 from cartpend_dae.effects.walk import walk
 from cartpend_dae.errors import ModelError
 from cartpend_dae.explain import nearest
-from cartpend_dae.flatten import flatten
 from cartpend_dae.language import Component, parameters_of, parts_of, ports_of, used_ports_of, variables_of
 from cartpend_dae.library import rotational, translational
 from cartpend_dae.quantities import Discrete, Port, Signal, state_of
-from cartpend_dae.system import AliasedSystem, Coefficient, Relation, symbolic
 from cartpend_dae.units import same_dimension
 
 # the coordinate of a flange; an effect between two flanges acts along it
 COORDINATE: dict[type[Port], str] = {R: "phi", T: "s"}
 # what passes through a port; an effect in series carries it
 THROUGH: dict[type[Port], str] = {R: "tau", T: "f", E: "i"}
-# a direction in the space of what moves: (chain and order, factor) of each
-_Motion = tuple[tuple[tuple[int, int], float], ...]
 _DAMPING_UNITS = ("N.s/m", "N.m.s/rad")
 
 
@@ -55,6 +50,8 @@ class Place:
     load
         Of a bearing, a port of its shaft or what carries it: the variable with the force in it, where the model knows
         that.
+    is_massless
+        In series: it passes on what a current makes, and no mass enters that, as from a rotor without inertia.
     """
 
     at: str
@@ -68,6 +65,7 @@ class Place:
     rival: Kind = None
     is_behind: bool = False
     load: str = ""
+    is_massless: bool = False
 
 
 # the time of the whole model
@@ -102,9 +100,10 @@ def places(
         If cards are wrong; one line for each finding.
     """
     known = catalogue() if cards is None else checked(cards)
-    reading = _read(model)
+    reading = read(model)
     sensors = (_sensor(model, name) for name in measured)
-    found = (*_parallel(model, reading), *_series(model, reading), *_constants(model), *_inputs(model), CLOCK, *sensors)
+    series = _weighed(model, reading, tuple(_series(model, reading)))
+    found = (*_parallel(model, reading), *series, *_constants(model), *_inputs(model), CLOCK, *sensors)
     return tuple(place for place in found if any(fits(card, place) for card in known))
 
 
@@ -120,6 +119,8 @@ def fits(card: Card, place: Place) -> bool:
         return False
     if card.insertion == "law":
         return place.at.rpartition(".")[2] == card.constant
+    if card.is_massless is not None and card.is_massless is not place.is_massless:
+        return False
     if (card.load and not place.load) or (card.is_elsewhere and place.load):
         return False
     return not card.units or any(same_dimension(place.unit, unit) for unit in card.units)
@@ -158,6 +159,8 @@ def place_at(model: Component, card: Card, at: str) -> Place:
 def places_at(model: Component, card: Card, at: str) -> dict[str, Place]:
     """Return the places for the effect of a card by name; of several called `at`, the one at which something moves."""
     named = list(_named(model, card))
+    if card.is_massless is not None:
+        named = list(_weighed(model, read(model), [place for place in named if place.at == at] or named))
     if card.load or sum(place.at == at for place in named) > 1:
         named = _moving(model, named)
     return {place.at: place for place in named if fits(card, place)}
@@ -173,7 +176,7 @@ def misplaced(model: Component, card: Card, at: str, known: list[str]) -> str:
 
 def _moving(model: Component, named: list[Place]) -> list[Place]:
     """Put places at which something moves behind those at which nothing does, and name the forces in bearings."""
-    reading = _read(model)
+    reading = read(model)
     loads = _loads(model, reading)
     motions = [_relative(reading, place) for place in named]
     found = [
@@ -211,25 +214,8 @@ def _named(model: Component, card: Card) -> Iterator[Place]:
         yield CLOCK
 
 
-@dataclass(frozen=True, slots=True)
-class _Reading:
-    """The aliased model, and how to read it: variables by name, and the values of coefficients."""
-
-    aliased: AliasedSystem
-    position_of: dict[str, int]
-    number: Callable[[Coefficient], float]
-
-    def relation(self, name: str) -> Relation:
-        return self.aliased.relations[self.position_of[name]]
-
-
-def _read(model: Component) -> _Reading:
-    aliased = alias(flatten(model))
-    return _Reading(aliased, {v.name: i for i, v in enumerate(aliased.flat.variables)}, _evaluation(aliased))
-
-
-def _parallel(model: Component, reading: _Reading) -> Iterator[Place]:
-    groups: dict[_Motion, list[tuple[tuple[int, int], Place]]] = {}
+def _parallel(model: Component, reading: Reading) -> Iterator[Place]:
+    groups: dict[Motion, list[tuple[tuple[int, int], Place]]] = {}
     loads = _loads(model, reading)
     for order, (path, component) in enumerate(walk(model)):
         for kind, port_a, port_b in _pairs(component) if path else ():
@@ -248,20 +234,20 @@ def _parallel(model: Component, reading: _Reading) -> Iterator[Place]:
                 yield replace(place, is_behind=True)
 
 
-def _relative(reading: _Reading, place: Place) -> _Motion:
+def _relative(reading: Reading, place: Place) -> Motion:
     """Return the relative motion of what a place stands between; empty if there is none."""
     assert place.kind is not None
     ports = (f"{place.at}.{port}.{COORDINATE[place.kind]}" if port else "" for port in (place.port_a, place.port_b))
     a, b = (reading.relation(name) if name else None for name in ports)
-    return _motion(b, a, reading.number)
+    return motion_of(b, a, reading.number)
 
 
-def _loads(model: Component, reading: _Reading) -> dict[tuple[Kind, _Motion], str]:
+def _loads(model: Component, reading: Reading) -> dict[tuple[Kind, Motion], str]:
     """Return the forces in bearings that the model knows, by the motion of the shaft, and of what carries the bearing.
 
     The first are loads of friction; the second only tell that a body hangs there.
     """
-    found: dict[tuple[Kind, _Motion], str] = {}
+    found: dict[tuple[Kind, Motion], str] = {}
     for path, component in walk(model):
         for name, declared in variables_of(type(component)).items():
             shaft = declared.declaration.load_of
@@ -269,12 +255,12 @@ def _loads(model: Component, reading: _Reading) -> dict[tuple[Kind, _Motion], st
                 for port, of in used_ports_of(component).items():
                     if port == shaft or type(of) is T:
                         position = reading.relation(f"{path}.{port}.{COORDINATE[type(of)]}")
-                        motion = _motion(position, None, reading.number)
+                        motion = motion_of(position, None, reading.number)
                         found.setdefault((type(of), motion), f"{path}.{name}")
     return found
 
 
-def _series(model: Component, reading: _Reading) -> Iterator[Place]:
+def _series(model: Component, reading: Reading) -> Iterator[Place]:
     groups: dict[tuple[object, ...], list[tuple[tuple[int, int], Place]]] = {}
     held: dict[tuple[object, ...], list[tuple[tuple[int, int], Place]]] = {}
     loads = _loads(model, reading)
@@ -290,7 +276,7 @@ def _series(model: Component, reading: _Reading) -> Iterator[Place]:
             key = (relation.base, relation.order, share)
             rank = 0 if is_gear or _is_ground(place) else 1
             if place.kind is R:
-                motion = _motion(reading.relation(f"{place.at}.phi"), None, reading.number)
+                motion = motion_of(reading.relation(f"{place.at}.phi"), None, reading.number)
                 place = replace(place, load=loads.get((R, motion), ""))
             (held if _is_held(place, reading) else groups).setdefault(key, []).append(((rank, order), place))
     # a base stands apart, with what it alone holds: an effect there moves what hangs on it against ground
@@ -302,7 +288,17 @@ def _series(model: Component, reading: _Reading) -> Iterator[Place]:
     yield from _merged(bases)
 
 
-def _is_held(place: Place, reading: _Reading) -> bool:
+def _weighed(model: Component, reading: Reading, series: Sequence[Place]) -> tuple[Place, ...]:
+    """Return places in series that know whether they pass on what a current makes, and no mass enters that."""
+    pins = (port.at for path, component in walk(model) for port in _ports(path, component) if path and port.kind is E)
+    currents = {reading.relation(f"{pin}.i").base for pin in pins}
+    forces = {place.at: f"{place.at}.{THROUGH[place.kind]}" for place in series if place.kind in COORDINATE}
+    driven = [force for force in forces.values() if reading.relation(force).base in currents - {-1}]
+    light = without_mass(model, driven) if driven else frozenset()
+    return tuple(replace(place, is_massless=forces.get(place.at) in light) for place in series)
+
+
+def _is_held(place: Place, reading: Reading) -> bool:
     return place.kind in COORDINATE and reading.relation(f"{place.at}.{COORDINATE[place.kind]}").base < 0
 
 
@@ -375,22 +371,3 @@ def _pairs(component: Component) -> Iterator[tuple[type[Port], str | None, str]]
         if len(names) == 2:
             yield kind, names[0], names[1]
         yield kind, None, names[-1]
-
-
-def _evaluation(aliased: AliasedSystem) -> Callable[[Coefficient], float]:
-    """Return a function that gives the value of a coefficient at the present parameters."""
-    symbols, values = aliased.flat.parameter_symbols, aliased.flat.parameter_bindings
-    while ca.symvar(values):  # bindings are expressions of parents' parameters, a tree of finite depth
-        values = ca.substitute(values, symbols, aliased.flat.parameter_bindings)
-    return lambda coefficient: float(ca.substitute(symbolic(coefficient), symbols, values))
-
-
-def _motion(b: Relation | None, a: Relation | None, number: Callable[[Coefficient], float]) -> _Motion:
-    """Return the relative position b - a as a direction in the space of chains; empty if it is constant."""
-    terms: dict[tuple[int, int], float] = {}
-    for relation, sign in ((b, 1.0), (a, -1.0)):
-        if relation is not None and relation.base >= 0:
-            key = (relation.base, relation.order)
-            terms[key] = terms.get(key, 0.0) + sign * number(relation.factor)
-    left = sorted((key, value) for key, value in terms.items() if abs(value) > 1e-12)
-    return tuple((key, round(value / left[0][1], 9)) for key, value in left)

@@ -49,6 +49,22 @@ class Compliance(Link):
         yield der(self.yd) == self.w_c * (self.w_c * (self.tau - self.y) - 2 * self.D * self.yd)
 
 
+class KelvinVoigt(Link):
+    """Spring and damper side by side, T_d der(q) + q = h tau: c = 1/h, d = T_d/h.
+
+    It is for a place where no mass enters the torque, as that of a current in a rotor without inertia, which answers
+    the speed at once: the torque of `Compliance` would settle there faster than steps can follow.
+    """
+
+    h: Param = param(unit="rad/(N.m)", default=0.0, min=0, doc="compliance, 1/c")
+    T_d: Param = param(unit="s", default=0.005, min=0, doc="time of creep, d/c")
+
+    def equations(self) -> Statements:
+        yield from super().equations()
+        yield initial(self.q == 0, fixed=False)
+        yield self.T_d * der(self.q) == self.h * self.tau - self.q
+
+
 class BaseCompliance(Link):
     """Base that gives way, q = h y, der(der(y)) = w_c^2 (tau - y) - 2 D w_c der(y), between ground and what it holds.
 
