@@ -1,17 +1,19 @@
 """Which laws are fitted at the first stage, and that the search against random forces ends where there are none."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 from test_discovery_choice import bench, fitted, names, noise, plain_fit  # noqa: F401
 
 from cartpend_dae.discover.bases import noise_alone, noise_rules
-from cartpend_dae.discover.nested import PEAKS, with_peaks
+from cartpend_dae.discover.nested import PEAKS, PUSHES, WIDTHS, with_gaps, with_peaks
 from cartpend_dae.discover.search import _Log
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import NEAR, other_laws
 from cartpend_dae.effects import insertion_at, places
+from models.linear_damp_mod import LinearDampMod
 from models.rota_damp import RotaDamp
 
 
@@ -69,3 +71,16 @@ def test_a_peak_that_is_at_rest_alone_is_tried_at_several_heights():
     assert points[0] == point and [one[peak] / one[level] for one in points[1:]] == [*map(pytest.approx, PEAKS)]
     assert all(one["bearing.d"] == 0.02 for one in points)
     assert with_peaks(stribeck, stribeck.starts) == [stribeck.starts]
+
+
+def test_a_gap_is_tried_with_other_widths_and_flanks():
+    """Its impacts pass in another order from there: a width of 1.8 mm was left for 2.3 mm from no other start."""
+    gap = insertion_at(LinearDampMod(), "backlash", "inertial.flange_b")
+    width, push = gap.parameter_names
+    point = {"rail.d": 30.0, width: 0.002, push: 10.0}
+    points = with_gaps(gap, point)
+    assert points[0] == point and len(points) == 1 + len(WIDTHS) * len(PUSHES)
+    assert {(one[width] / 0.002, one[push] / 10.0) for one in points[1:]} == {*product(WIDTHS, PUSHES)}
+    assert all(one["rail.d"] == 30.0 for one in points)
+    friction = insertion_at(LinearDampMod(), "coulomb_friction", "rail")
+    assert with_gaps(friction, friction.starts) == [friction.starts]

@@ -6,6 +6,7 @@ so may one that explains much less than a richer law, of which it may be a case.
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import product
 
 from cartpend_dae.discover.evidence import SPEEDS, peaks_alone
 from cartpend_dae.discover.gate import is_clean
@@ -20,6 +21,8 @@ PEAK = 1.3
 RATIO = "r_s"
 # ... and where its fit does not tell, as it acts only where a run stops for good, it is tried at each of these
 PEAKS = (PEAK, 1.6, 2.0, 2.5)
+# a gap that is not passed in the order of the data is tried at these multiples of its width, and of its shape
+WIDTHS, PUSHES = (0.7, 1.0, 1.4, 2.0), (0.6, 1.5)
 # a law that leaves so many times more than a richer one starts from that
 MUCH = 2.0
 # ends of names of a parameter each way
@@ -140,6 +143,21 @@ def with_peaks(insertion: Insertion, point: Mapping[str, float]) -> list[dict[st
     """Return a point, and with each height of a peak that is at rest alone."""
     peaks = peaks_alone(insertion).items()
     return [dict(point), *(dict(point) | {high: ratio * point[low]} for high, low in peaks for ratio in PEAKS)]
+
+
+def with_gaps(insertion: Insertion, point: Mapping[str, float]) -> list[dict[str, float]]:
+    """Return the point of a law with flanks, and others: wider and narrower gaps, stiffer and softer flanks.
+
+    Whether the next impact comes before a reversal or after it changes at once, so that few starts lead to the law.
+    """
+    sizes = [name for name in insertion.size_names if insertion.card.knocks]
+    shapes = [name for name in insertion.parameter_names if sizes and name not in sizes]
+    others = [
+        {name: wide * point[name] for name in sizes} | {name: push * point[name] for name in shapes}
+        for wide, push in product(WIDTHS, PUSHES)
+        if sizes
+    ]
+    return [dict(point), *(dict(point) | other for other in others)]
 
 
 def contradicts(candidate: Candidate) -> bool:

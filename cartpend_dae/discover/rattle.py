@@ -15,6 +15,7 @@ import numpy as np
 from cartpend_dae.discover.choice import SHAPE
 from cartpend_dae.discover.disturbed import is_composite
 from cartpend_dae.discover.nearest import left_early
+from cartpend_dae.discover.nested import with_gaps
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.shape import FAR
 from cartpend_dae.discover.state import Base, Rules
@@ -62,9 +63,13 @@ def least_that_tells(bench: Workbench, base: Base, rules: Rules, ranked: list[Ca
         return None
     least, best = min(injected), min(able, key=left_early)
     taken = (best.insertion,)
+    enough = min(LOOSE * n, n + LEFT * (base.fits[least].chi2 - n))
     try:
-        fit = bench.fit(taken, best.begun, (rules.screening, least), rules.sd, patient=False, stride=ROUGH)
-        if fit.chi2 > LOOSE * n or fit.chi2 - n > LEFT * (base.fits[least].chi2 - n):
+        for point in with_gaps(best.insertion, best.begun):
+            fit = bench.fit(taken, point, (rules.screening, least), rules.sd, patient=False, stride=ROUGH)
+            if fit.chi2 <= enough:
+                break
+        else:
             return None
         free = {"patient": False, "iterations": 0, "stride": ROUGH}
         one, other = (bench.fit(taken, _moved(fit, side), (0.0,), rules.sd, **free) for side in (1.0, -1.0))

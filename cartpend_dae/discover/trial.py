@@ -10,7 +10,16 @@ from cartpend_dae.discover.disturbed import is_composite, judge, margin_of, orde
 from cartpend_dae.discover.evidence import bic, cancelled, coloured_bic
 from cartpend_dae.discover.gate import is_clean, is_noise_alone
 from cartpend_dae.discover.nearest import NARROW, left_by, left_early, nearest
-from cartpend_dae.discover.nested import chosen_otherwise, holds, own, restarted, simplified, with_peaks
+from cartpend_dae.discover.nested import (
+    MUCH,
+    chosen_otherwise,
+    holds,
+    own,
+    restarted,
+    simplified,
+    with_gaps,
+    with_peaks,
+)
 from cartpend_dae.discover.predicted import trials
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.rescan import rescanned
@@ -286,7 +295,8 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate]) ->
 
     Before that all are fitted with the least injection, where some fall behind for good.
     """
-    few = each(bench, few, lambda at, candidate: _nearer(at, base, rules, candidate), "nearer fit")
+    ahead = min((left_by(c) for c in few), default=np.inf)
+    few = each(bench, few, lambda at, candidate: _nearer(at, base, rules, candidate, ahead), "nearer fit")
     found = [c for c in few if c.why_not]
     few = [c for c in few if not c.why_not]
     near = nearest(few, base.fit.n_residuals)
@@ -318,15 +328,18 @@ def first_fit(bench: Workbench, base: Base, rules: Rules, stage: float, candidat
     return replace(candidate, fit=fit, early=fit.chi2, begun=fit.point)
 
 
-def _nearer(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> Candidate:
-    """Fit a candidate with the least injection, roughly."""
+def _nearer(bench: Workbench, base: Base, rules: Rules, candidate: Candidate, ahead: float) -> Candidate:
+    """Fit a candidate with the least injection, roughly; one near the best, which leaves `ahead`, from more starts."""
     together = (*base.taken, candidate.insertion)
     assert candidate.fit is not None
+    points = with_peaks(candidate.insertion, candidate.fit.point)
+    if left_by(candidate) < MUCH * ahead and not _is_clean(candidate):
+        points += with_gaps(candidate.insertion, candidate.fit.point)[1:]
     # a free simulation may drift off at first; predictions do not
     least = bench.last or min(w for w in rules.stages if w > 0)
     fits = [
         bench.fit(together, point, (least,), rules.sd, patient=False, iterations=LATER, stride=ROUGH)
-        for point in with_peaks(candidate.insertion, candidate.fit.point)
+        for point in points
     ]
     fit = min(fits, key=lambda f: f.chi2 if np.isfinite(f.chi2) else np.inf)
     if not np.isfinite(fit.chi2):
