@@ -53,7 +53,10 @@ def merge_frictions(system: System) -> System:
         first = members[0][0]
         static = sum((ca.fabs(ratio) * old.static_pos[i] for i, ratio in members), ca.SX(0))
         of_first = (old.level_pos[first], old.level_neg[first], old.static_pos[first], old.static_neg[first])
-        levels.append(of_first if len(members) == 1 else (level - _EPSILON, level - _EPSILON, static, static))
+        both = level - _EPSILON
+        if all(ca.is_equal(old.static_pos[i], old.level_pos[i], 100) for i, _ in members):
+            static = both  # none peaks at rest, which time stepping sees from the expressions
+        levels.append(of_first if len(members) == 1 else (both, both, static, static))
         modes.append(system.hybrid.modes[first])
         places.append(" + ".join(old.places[i] for i, _ in members))
     shares = ca.vertcat(*[forces[i] for i in range(old.force.numel())])

@@ -92,9 +92,8 @@ def test_a_gap_whose_first_fit_passed_impacts_in_another_order_is_begun_anew(ben
         return replace(found, chi2=1e3 * found.n_residuals) if len(begun) == 1 and bandwidths[-1] else found
 
     monkeypatch.setattr(Workbench, "fit", fit)
-    monkeypatch.setattr(
-        rattle, "with_gaps", lambda insertion, point: [point, dict(point) | {level: 1.4 * point[level]}]
-    )
+    wider = dict(friction.begun) | {level: 1.4 * friction.begun[level]}
+    monkeypatch.setattr(rattle, "with_gaps", lambda insertion, point: [point, wider])
     assert least_that_tells(bench, base, rules, [lost(friction)]) == min(w for w in base.fits if w > 0)
     assert begun == [friction.begun[level], wider[level]]
     begun.clear()

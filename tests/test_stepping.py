@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from cartpend_dae import Component, Param, Statements, der, dry_friction, param, signal, var
+from cartpend_dae import Component, Param, Statements, connect, der, dry_friction, param, signal, var
 from cartpend_dae.assemble import assemble
 from cartpend_dae.library.laws import breakaway_level
+from cartpend_dae.library.rotational import Inertia, Torque
+from cartpend_dae.library.rotational_links import GearLoss
 from cartpend_dae.stepping import runge_kutta
 
 
@@ -75,3 +77,28 @@ def test_a_block_that_is_pulled_with_less_than_its_peak_stays_at_rest():
     system = assemble(Pulled())
     step, p = runge_kutta(system).function, [q.value for q in system.parameters]
     assert [float(step(0.0, 0.1, [0.0], 2.9 * a, 2.9 * b, p)) for a, b in ((0, 1), (1, 0), (-1, 1))] == [0.0] * 3
+
+
+class Wound(Component):
+    """A wheel behind gears that lose a share of what drives them, J w' = tau - loss."""
+
+    tau = signal("in", unit="N.m")
+
+    def __post_init__(self) -> None:
+        self.source, self.gears, self.wheel = Torque(), GearLoss(e=0.25), Inertia(J=2.0)
+
+    def equations(self) -> Statements:
+        yield connect(self.tau, self.source.tau)
+        yield connect(self.source.flange, self.gears.flange_b)
+        yield connect(self.gears.flange_a, self.wheel.flange_a)
+
+
+def test_a_lossy_gear_that_turns_back_within_a_step_loses_what_it_loses_each_way():
+    """Driven back it loses e/(1 - e) of the torque until it stops, and then e; it had lost the first to the end."""
+    system, h, torque, speed = assemble(Wound()), 0.1, -6.0, 0.2
+    start = [{"w": speed, "y": torque}.get(name.rpartition(".")[2], 0.0) for name in system.states]
+    ends = runge_kutta(system).function(0.0, h, start, torque, torque, [q.value for q in system.parameters])
+    found = dict(zip(system.states, np.array(ends).ravel(), strict=True))
+    stop = speed / (6.0 / 0.75 / 2.0)
+    assert 0 < stop < h
+    assert found["gears.w"] == pytest.approx(-6.0 * 0.75 / 2.0 * (h - stop), rel=1e-6)

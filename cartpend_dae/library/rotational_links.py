@@ -160,6 +160,7 @@ class GearLoss(Component):
         yield self.w == der(self.flange_a.phi)
         yield self.T_f * der(self.y) == self.flange_b.tau - self.y
         yield initial(self.y == self.flange_b.tau, fixed=False)
-        driving = ca.if_else(self.y * self.w > 0, 1, 1 / (1 - self.e))
-        yield self.tau == dry_friction(self.w, self.e * driving * ca.fabs(self.y))
+        driving, driven = self.e * ca.fabs(self.y), self.e / (1 - self.e) * ca.fabs(self.y)
+        forward, backward = ca.if_else(self.y > 0, driving, driven), ca.if_else(self.y < 0, driving, driven)
+        yield self.tau == dry_friction(self.w, forward, backward)
         yield self.flange_a.tau + self.flange_b.tau == self.tau
