@@ -78,7 +78,8 @@ def test_a_constant_load_shows_a_little_off_the_voltage_at_which_the_motor_just_
     shown = promised(off)
     assert shown.predicted > 0.8 * off.fits[rules.screening].chi2
     assert shown.parameters["bearing.constant_load.tau_0"] == pytest.approx(OFFSET * PER_VOLT, rel=0.1)
-    assert promised(at_edge).predicted < 0.5 * shown.predicted
+    # at the edge itself too, since steps break away at the moment within at which the torque passes the level
+    assert promised(at_edge).predicted == pytest.approx(shown.predicted, rel=0.01)
 
 
 def test_what_the_data_tell_stays(bench):
