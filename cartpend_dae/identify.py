@@ -30,6 +30,9 @@ from cartpend_dae.uncertainty import Estimate, uncertainty
 Form = Literal["smooth", "time-stepping", "exact"]
 Method = Literal["shooting", "collocation"]
 
+# a point whose simulation leaves less than this share of what the solver ended at is kept for it
+CLEARLY = 0.99
+
 
 @dataclass(frozen=True, slots=True)
 class RunFit:
@@ -190,7 +193,7 @@ def estimate(
         return _concluded(problem, found, w, data, weights_sd)
     further = interior_point(problem, values, nodes, w, data)
     ends = further.cost if further.success else _simulated(problem, further.values, w, data).cost
-    if _simulated(problem, found.values, w, data).cost < ends:  # it ended where something changes at once
+    if _simulated(problem, found.values, w, data).cost < CLEARLY * ends:  # it ended where something changes at once
         return _concluded(problem, found, w, data, weights_sd)
     try:
         return _concluded(problem, further, w, data, weights_sd)

@@ -9,7 +9,7 @@ from cartpend_dae import simulate
 from cartpend_dae.data import Channel, Experiment, Start
 from cartpend_dae.discover.records import FreeSpec, Setup
 from cartpend_dae.discover.screen import candidates, screen
-from cartpend_dae.discover.sweep import alone_with, one_by_one, sweep
+from cartpend_dae.discover.sweep import alone_with, batches, one_by_one, sweep
 from cartpend_dae.discover.weigh import loads_at, weigh
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import catalogue, insert, insertion_at, places
@@ -119,8 +119,12 @@ def test_no_effect_is_felt_in_a_run_that_begins_under_load(bandwidth):
     firsts = {option.prefix: option for option in reversed(options)}
     assert "rod.pivot.base_compliance" in firsts
     none = sweep(bench, (), (), point, bandwidth, sd).residual
-    every = sweep(bench, (), tuple(firsts.values()), point, bandwidth, sd).residual
-    np.testing.assert_allclose(every, none, atol=0.02 * np.abs(none).max())
+    # all together, but for what gives way behind a rotor without inertia: dry friction of the rotor cannot be beside it
+    most, apart = batches(list(firsts.values()))
+    assert [option.prefix for option in apart] == ["gears.flange_R.compliance"] and len(most) == len(firsts) - 1
+    for batch in (most, apart):
+        felt = sweep(bench, (), batch, point, bandwidth, sd).residual
+        np.testing.assert_allclose(felt, none, atol=0.02 * np.abs(none).max())
 
 
 def test_an_effect_that_is_free_already_promises_nothing():

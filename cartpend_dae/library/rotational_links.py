@@ -50,19 +50,21 @@ class Compliance(Link):
 
 
 class KelvinVoigt(Link):
-    """Spring and damper side by side, T_d der(q) + q = h tau: c = 1/h, d = T_d/h.
+    """Spring and damper side by side, q = h y, T_d der(y) = tau - y: c = 1/h, d = T_d/h.
 
     It is for a place where no mass enters the torque, as that of a current in a rotor without inertia, which answers
     the speed at once: the torque of `Compliance` would settle there faster than steps can follow.
     """
 
+    y = var(unit="N.m", doc="torque that the spring has")
     h: Param = param(unit="rad/(N.m)", default=0.0, min=0, doc="compliance, 1/c")
     T_d: Param = param(unit="s", default=0.005, min=0, doc="time of creep, d/c")
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield initial(self.q == 0, fixed=False)
-        yield self.T_d * der(self.q) == self.h * self.tau - self.q
+        yield self.q == self.h * self.y
+        yield initial(self.y == 0, fixed=False)
+        yield self.T_d * der(self.y) == self.tau - self.y
 
 
 class BaseCompliance(Link):
