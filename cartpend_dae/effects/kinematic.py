@@ -48,9 +48,10 @@ def kinematic_cards() -> tuple[Card, ...]:
             insertion="series",
             components={R: kinematic_errors.ChainPolygon},
             parameters=(
-                size("e", lower=-5.0, upper=5.0),
+                # a share below 0 is another phase with its cusps the wrong way, from which no fit comes back
+                level("e", upper=5.0),
                 wave_number("N", (12.0, 15.0, 20.0), lower=3.0),
-                shape("psi", (0.0, 0.25), lower=-1.0, upper=1.0),
+                shape("psi", (0.0, 0.25, 0.5, 0.75), lower=-1.0, upper=2.0),
             ),
             along={R: "flange_a.phi"},
             dissipative=False,
