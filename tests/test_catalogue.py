@@ -10,6 +10,7 @@ import pytest
 from effect_scenes import CARDS, DRIVEN, EVERY, PENDULUM, SPRINGS, Scene, columns, name_of, plain, scene, scenes
 
 from cartpend_dae import assemble
+from cartpend_dae.discover.evidence import peaks_alone
 from cartpend_dae.effects import Insertion, catalogue, insert
 from cartpend_dae.effects.card import E, R, T
 from cartpend_dae.effects.places import place_at
@@ -41,12 +42,6 @@ def test_at_its_start_value_an_effect_is_absent(effect, kind):
     for start in found.insertion.card.starts(kind):
         # what it adds is a product with 0; only the order of summation changes
         np.testing.assert_allclose(found.outputs(found.model(**start)), plain(found.rig), rtol=0, atol=1e-9)
-
-
-def peaks_alone(own):
-    """Return the names of peaks at rest without a speed that is estimated."""
-    free = [name.rpartition(".")[2] for name in own.parameter_names]
-    return [] if {"w_s", "v_s"} & set(free) else [f"{own.prefix}.{peak}" for peak in own.card.peaks if peak in free]
 
 
 @ALL
