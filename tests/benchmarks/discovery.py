@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from benchmarks import discovery_text  # noqa: E402
-from benchmarks.page import record, recorded  # noqa: E402
+from benchmarks.page import commit, record, recorded  # noqa: E402
 
 STUDIES = ROOT / "models" / "studies"
 COMMAND = "from cartpend_dae.cli import main; main()"
@@ -63,12 +63,6 @@ def kept(result, seconds):
     }
 
 
-def commit():
-    """Return the commit of the sources, with a sign if they were changed since."""
-    done = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True)
-    return done.stdout.strip()
-
-
 def main():
     """Run, record, and write the table if a page is named."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -79,7 +73,7 @@ def main():
     options = parser.parse_args()
     names = [] if options.recorded else options.studies or list(discovery_text.STUDIES)
     results = recorded("discovery").get("discovery", {})
-    sources = commit()  # before what is recorded here changes a file
+    sources = commit()
     for name in names:
         results[name] = discovered(name, options.jobs) | {"commit": sources, "python": platform.python_version()}
         record("discovery", results)

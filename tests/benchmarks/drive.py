@@ -16,8 +16,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
-from benchmarks.discovery import COMMAND, commit  # noqa: E402
-from benchmarks.page import put_section, record, recorded  # noqa: E402
+from benchmarks.discovery import COMMAND  # noqa: E402
+from benchmarks.page import commit, put_section, record, recorded  # noqa: E402
 from blind.generate import DataSet, generate  # noqa: E402
 from blind.keys import Key  # noqa: E402
 from blind.run import known_effects  # noqa: E402

@@ -7,12 +7,22 @@ the page again without measuring.
 
 import importlib
 import json
+import subprocess
 import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 RESULTS = HERE / "results"
 SECTIONS = ("scale", "simulate", "identify", "fmu")
+
+
+def commit():
+    """Return the commit of the sources, with a sign if they were changed since; what benchmarks write is no source."""
+    here = ["git", "-C", str(HERE.parents[1])]
+    head = subprocess.run([*here, "rev-parse", "--short=7", "HEAD"], capture_output=True, text=True).stdout.strip()
+    sources = ["--", ":/", ":(top,exclude)docs", ":(top,exclude)tests/benchmarks/results"]
+    changed = subprocess.run([*here, "status", "--porcelain", *sources], capture_output=True, text=True).stdout.strip()
+    return f"{head}-dirty" if changed else head
 
 
 def record(name, results):

@@ -61,8 +61,7 @@ def machine():
 def version(tool, python):
     """Return the version of a tool in an interpreter; None if it is not there."""
     if tool == "cartpend_dae":
-        command = ["git", "-C", str(ROOT), "describe", "--always", "--dirty"]
-        return f"commit {subprocess.run(command, capture_output=True, text=True).stdout.strip()}"
+        return f"commit {page.commit()}"
     code = f"from importlib.metadata import version; print(version({tool!r}))"
     done = subprocess.run([python, "-c", code], capture_output=True, text=True)
     return done.stdout.strip() if done.returncode == 0 else None
