@@ -1,5 +1,6 @@
 """Estimate parameters and start values of a model on measured runs, with their uncertainty."""
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -32,6 +33,8 @@ Method = Literal["shooting", "collocation"]
 
 # a point whose simulation leaves less than this share of what the solver ended at is kept for it
 CLEARLY = 0.99
+# the data lead a model with so many times their dominant frequency, or slower where that is unstable
+FOLLOW, SLOWER = 5.0, (1.0, 3.0, 10.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,8 +181,7 @@ def estimate(
     w = np.full(len(problem.outputs), float(bandwidth))
     lower, upper = bounds(problem)
     values = np.clip(scaled_values(problem, guess or {}), lower, upper)
-    follow = observer if observer is not None else max(bandwidth, dominant_frequency(problem.experiments) * 5)
-    nodes = filtered_nodes(problem, values, np.full_like(w, follow), data)
+    follow, nodes = _nodes(problem, values, bandwidth, observer, data)
     found = None
     if method == "collocation":
         _, states = run_through(problem, values, np.full_like(w, follow), data)
@@ -201,6 +203,21 @@ def estimate(
         if further.success:
             raise
         return _concluded(problem, found, w, data, weights_sd)
+
+
+def _nodes(
+    problem: Problem, values: np.ndarray, bandwidth: float, observer: float | None, data: np.ndarray
+) -> tuple[float, np.ndarray]:
+    """Return the bandwidth with which the data lead the model, and the start states of the segments on that way.
+
+    A sensor that lags behind what corrects it makes a fast correction unstable; then a slower one does.
+    """
+    fast = dominant_frequency(problem.experiments) * FOLLOW
+    ways = [max(bandwidth, fast / slower) for slower in SLOWER] if observer is None else [observer]
+    for follow in dict.fromkeys(ways[:-1]):
+        with contextlib.suppress(SolverError):
+            return follow, filtered_nodes(problem, values, np.full(len(problem.outputs), follow), data)
+    return ways[-1], filtered_nodes(problem, values, np.full(len(problem.outputs), ways[-1]), data)
 
 
 def _searched(

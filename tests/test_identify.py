@@ -14,8 +14,8 @@ from cartpend_dae.gauss_newton import Solution
 from cartpend_dae.identify import estimate
 from cartpend_dae.library import rotational, translational
 from cartpend_dae.pieces import load_experiments
-from cartpend_dae.problem import free_parameter, make_problem
-from cartpend_dae.shooting import linearised, predict
+from cartpend_dae.problem import dominant_frequency, free_parameter, make_problem
+from cartpend_dae.shooting import filtered_nodes, linearised, predict
 from cartpend_dae.study import load_study
 from cartpend_dae.transcribe import stack_data
 from models.linear_damp_mod import LinearDampMod
@@ -312,3 +312,23 @@ def test_a_fit_stays_at_a_point_that_is_right_where_friction_holds_for_good():
     fit = estimate(problem, guess=truth)
     assert fit.chi2 < 1.1 * fit.n_residuals
     assert fit.values["rail.breakaway_friction.f_c"] == pytest.approx(2.2, rel=2e-3)
+
+
+def test_a_slower_correction_leads_a_model_that_a_fast_one_makes_unstable(monkeypatch):
+    """A sensor that lags by 50 ms: fits had no start on the driven cart, whose angle is corrected by what lags."""
+    problem, tried = pendulum_problem(), []
+
+    def unstable(problem, values, w, data):
+        tried.append(float(w[0]))
+        if w[0] > 2 * dominant_frequency(problem.experiments):
+            raise SolverError("It diverges.")
+        return filtered_nodes(problem, values, w, data)
+
+    monkeypatch.setattr("cartpend_dae.identify.filtered_nodes", unstable)
+    assert estimate(problem).success
+    fast = 5 * dominant_frequency(problem.experiments)
+    assert tried == pytest.approx([fast, fast / 3])
+    with pytest.raises(SolverError, match="diverges"):
+        estimate(problem, observer=fast)
+    with pytest.raises(SolverError, match="diverges"):  # the fit itself wants it as fast
+        estimate(problem, bandwidth=fast)

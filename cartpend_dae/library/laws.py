@@ -26,6 +26,12 @@ def creep_level(v: ca.SX, level: ca.SX, v_r: ca.SX) -> ca.SX:
     return level * ca.tanh(ca.fabs(v) / v_r)
 
 
+def grown_lag(lag: ca.SX, floor: ca.SX) -> ca.SX:
+    """Return a lag [s] that grows from a floor where it is nothing, and is itself to 0.3 % from twice the floor on."""
+    r = lag / floor
+    return floor * ca.sqrt(r**2 + ca.exp(-(r**2)))
+
+
 def not_negative(level: ca.SX) -> ca.SX:
     """Return the level where it is not negative, else 0; at 0 it has the slope of the level."""
     return ca.if_else(level >= 0, level, 0)

@@ -8,7 +8,7 @@ grows with T_d from a floor T_0. That of a sensor is so short that nothing of a 
 import casadi as ca
 
 from cartpend_dae.language import Component, Param, Statements, clock_rate, der, initial, param, time, var
-from cartpend_dae.library.laws import SHORTEST, beyond, wave
+from cartpend_dae.library.laws import SHORTEST, beyond, grown_lag, wave
 from cartpend_dae.library.signals import Block
 
 # share of a step within which a value that is to have no slope is that value
@@ -50,9 +50,10 @@ class SensorNonlinearity(Block):
 
 
 class SensorDelay(Block):
-    """Lag of a sensor, y = u - T_d (u - x)/T_f, T_f der(x) = u - x, T_f^2 = T_d^2 + T_0^2.
+    """Lag of a sensor, y = u - T_d (u - x)/T_f, T_f der(x) = u - x, T_f near T_d.
 
-    For T_d longer than T_0 this is the lag 1/(1 + T_d s) of first order; T_d = 0 is none at all.
+    The lag grows from a floor T_0, so that of a jump nothing passes a delay of twice the floor at once: that is the lag
+    1/(1 + T_d s) of first order. T_d = 0 is none at all.
     """
 
     x = var(unit="1", doc="state of the lag")
@@ -60,7 +61,7 @@ class SensorDelay(Block):
     T_0: Param = param(unit="s", default=SHORTEST, min=0, doc="floor of the lag", is_shortest_time=True)
 
     def equations(self) -> Statements:
-        T_f = ca.sqrt(self.T_d**2 + self.T_0**2)
+        T_f = grown_lag(self.T_d, self.T_0)
         yield T_f * der(self.x) == self.u - self.x
         yield initial(self.x == self.u, fixed=False)
         yield self.y == self.u - self.T_d * (self.u - self.x) / T_f
@@ -182,8 +183,7 @@ class InputDelay(Block):
     T_0: Param = param(unit="s", default=SHORTEST / 10, min=0, doc="floor of the lag", is_shortest_time=True)
 
     def equations(self) -> Statements:
-        r = self.T_d / (self.k * self.T_0)
-        T_f = self.T_0 * ca.sqrt(r**2 + ca.exp(-(r**2)))
+        T_f = grown_lag(self.T_d / self.k, self.T_0)
         yield T_f * der(self.x) == self.u - self.x
         yield initial(self.x == self.b * self.u, fixed=False)
         yield self.y == self.u - self.T_d * (self.u - self.x) / T_f
