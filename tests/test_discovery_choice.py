@@ -463,20 +463,6 @@ def test_of_the_whole_the_last_addition_is_taken_back_too_and_one_stays(monkeypa
     assert len(revise.prune(bench, base, steps, rules, 10, whole=True)[1]) == 1
 
 
-@pytest.mark.parametrize(("share", "is_kept"), [(1.02, False), (1.5, True)])
-def test_what_noise_alone_is_left_without_is_taken_back(monkeypatch, plain_fit, bench, fitted, share, is_kept):
-    """A delay of the command stayed beside that of the current, alone with which 9,027 of 9,006 were left."""
-    at = [fitted(effect, 0.0, 0.0) for effect in ("coulomb_friction", "cubic_stiffness")]
-    steps = [step_of(one, residuals(plain_fit), [one]) for one in at]
-    n, white = plain_fit.n_residuals, np.random.default_rng(5).standard_normal(plain_fit.runs[0].residual.shape)
-    clean = replace(plain_fit, runs=(replace(plain_fit.runs[0], residual=1e-3 * white),), chi2=0.5 * n)
-    base = Base(tuple(one.insertion for one in at), {0.0: clean}, 1e3 * n)
-    fewer = Base(base.taken[1:], {0.0: replace(clean, chi2=share * n)}, 1e3 * n)
-    monkeypatch.setattr(revise, "followed", lambda *_: fewer)
-    after, left = revise.prune(bench, base, steps, Rules("noise", (0.0,), 0.0, np.array([1e-3])), 10)
-    assert (after, left) == ((base, steps) if is_kept else (fewer, steps[1:]))
-
-
 def test_the_last_additions_are_taken_back_while_they_explain_less_than_is_left(monkeypatch, bench, plain_fit, fitted):
     n = plain_fit.n_residuals
     left = {0: 1000.0, 1: 300.0, 2: 150.0, 3: 80.0}

@@ -9,7 +9,7 @@ from cartpend_dae.discover.choice import NEAR, SHAPE, SIMPLER, step_beside, step
 from cartpend_dae.discover.couple import as_fitted, plainer
 from cartpend_dae.discover.disturbed import ALIKE, penalty
 from cartpend_dae.discover.evidence import bic
-from cartpend_dae.discover.gate import is_noise_alone, residuals
+from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.nested import shared
 from cartpend_dae.discover.predicted import MIN_SHARE, explained
 from cartpend_dae.discover.records import Candidate, Step
@@ -28,7 +28,7 @@ def prune(
 ) -> tuple[Base, list[Step]]:
     """Take back each earlier addition that the model with the last one does without; of the `whole` that one, too.
 
-    It does without what it leaves noise alone without, as nothing is added to what does. One is always left.
+    One is always left.
     """
     for step in list(steps if whole else steps[:-1]):
         if len(steps) == 1:
@@ -43,7 +43,6 @@ def prune(
         else:
             cost = MIN_BIC_GAIN if rules.regime == "noise" else penalty(n_options) * len(step.candidate.parameters)
             is_needed = _criterion(trial, rules) - _criterion(base, rules) > cost
-            is_needed = is_needed and not (rules.regime == "noise" and is_noise_alone(trial.fit))
         if not is_needed:
             base = trial
             steps = [s for s in steps if s.candidate.insertion.prefix != step.candidate.insertion.prefix]
