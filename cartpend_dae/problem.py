@@ -151,6 +151,13 @@ class Problem:
         held.__dict__["layout"] = replace(self.layout, free=free)
         return held
 
+    def by_sample(self) -> "Problem":
+        """Return the same problem with a segment for each sample; the samples are those of its own segments."""
+        alone, own = self._kept(replace(self), _OF_STARTS), self.layout
+        first = tuple(segment * own.length for segment in own.first)
+        alone.__dict__["layout"] = replace(own, length=1, n_segments=own.n_segments * own.length, first=first)
+        return alone
+
     def _kept(self, other: "Problem", names: tuple[str, ...]) -> "Problem":
         """Hand on what was built of this problem, which holds for the other as well."""
         other.__dict__.update({name: getattr(self, name) for name in names})

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from cartpend_dae.discover.evidence import determined
+from cartpend_dae.discover.iterated import refined
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.slopes import basis_of
 from cartpend_dae.discover.unknown_input import likelihood, whitened
@@ -87,7 +88,7 @@ def fitted(
         weighed = weigh(bench, taken, loads, fit.point, used, sd, near=weighed.forces)
         if max(used, weighed.bandwidth) < SETTLED * min(used, weighed.bandwidth):
             break
-    return _likelier(bench, taken, loads, fit, weighed, sd)
+    return refined(bench, taken, loads, (fit, weighed), sd) or _likelier(bench, taken, loads, fit, weighed, sd)
 
 
 def polished(
@@ -217,7 +218,7 @@ def _predicted(
         value = float(likelihood(n, squares, determinant))
         if value < best:
             best, sizes = value, found
-    gain = base.criterion - best
+    gain = base.linear - best
     if candidate.why_not or not gain > 0 or not np.any(sizes):
         why = candidate.why_not or "it would need the wrong sign: it does not oppose motion"
         return replace(candidate, predicted=0.0, why_not=why)

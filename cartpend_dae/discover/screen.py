@@ -105,7 +105,7 @@ def screen(
         promises about as much, as a fit may end elsewhere from there.
     """
     names = tuple(option.content for option in (*taken, *options))
-    against = None if weighed is None else (weighed.criterion, weighed.bandwidth, weighed.forces)
+    against = None if weighed is None else (weighed.linear, weighed.bandwidth, weighed.forces)
     at = _At(bench, taken, point, bandwidth, sd, weighed)
     depends = names, len(taken), dict(point), bandwidth, sd, against
     kept = bench.store.recall("screen", depends, lambda: _kept(at, options))

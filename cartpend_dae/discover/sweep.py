@@ -16,6 +16,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from cartpend_dae.continuous import without_events
+from cartpend_dae.discover.records import Setup
 from cartpend_dae.discover.scan import Scan, best_shapes, out_of_range
 from cartpend_dae.discover.slopes import (
     LOST,
@@ -127,9 +128,8 @@ def sweep(
     system = without_events(assembled(bench.setup.model, whole, bench.setup.train), "An estimation")
     system = _sliding(system, [i for i, place in enumerate(system.frictions.places) if _is_at(place, options)])
     inside = _inside(system, options, bench.problem(taken).system.states)
-    finest = ((weighing_step(bench.setup), ROUGH),) if is_fine else ()
     alone = _left_by(bench.problem(taken), point, bandwidth, sd)
-    for step, stride in (*finest, *((None, stride) for stride in STRIDES)):
+    for step, stride in strides(bench.setup, is_fine):
         problem = replace(bench.problem_of(system, taken, whole), step=step, stride=stride)
         values = scaled_values(problem, point)
         w = np.full(len(problem.outputs), float(bandwidth))
@@ -170,6 +170,12 @@ def sweep(
         scan = Scan(along, local, found.residual, basis_of(base))
         again = tuple(replace(o, values={**o.values, **shape}) for o in options for shape in best_shapes(o, scan))
     return replace(found, base=base, sizes=sizes, again=again, refused=refused, rough=rough)
+
+
+def strides(setup: Setup, is_fine: bool) -> list[tuple[float | None, float]]:
+    """Return the longest steps [s] and strides to try, one after the other, where a simulation diverges."""
+    finest: list[tuple[float | None, float]] = [(weighing_step(setup), ROUGH)] if is_fine else []
+    return [*finest, *((None, stride) for stride in STRIDES)]
 
 
 def _sliding(system: System, mine: list[int], *, is_felt: bool = True) -> System:

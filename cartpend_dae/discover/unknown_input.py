@@ -94,7 +94,7 @@ def whitened(chain: Chain, rows: np.ndarray, sizes: np.ndarray, times: np.ndarra
     n_x, n_d, n_sets = chain.transition.shape[1], chain.pushes.shape[2], len(sizes)
     whole, inner = n_x + n_d, np.arange(n_x, n_x + n_d)
     seen, step, known = _with_forces(chain, rows)
-    samples, is_on = _side_by_side(chain)
+    samples, is_on = side_by_side(chain)
     keep = np.exp(-chain.width[samples][:, None, :, None] / times[:, None])
     pushed = sizes[:, None] ** 2 * (1 - keep**2)
     out = np.empty((n_sets, n, n_y, m))
@@ -144,7 +144,7 @@ def _with_forces(chain: Chain, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return seen, step, known
 
 
-def _side_by_side(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+def side_by_side(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
     """Return the samples of all runs side by side (longest, n_runs), and whether each is one.
 
     A run that has ended goes on with its last one.

@@ -49,7 +49,9 @@ class Weighed:
     Parameters
     ----------
     criterion
-        -2 ln likelihood, the scale of the noise concentrated out.
+        -2 ln likelihood, the scale of the noise concentrated out; of a rig that rubs, along its likeliest course.
+    linear
+        The same as it is along the simulation that the output injection leads, which `found` linearises.
     validated
         The same with each block of time predicted from the others.
     forces
@@ -65,6 +67,7 @@ class Weighed:
     """
 
     criterion: float
+    linear: float
     validated: float
     forces: Forces
     bandwidth: float
@@ -123,27 +126,30 @@ def weigh(
     chain = found.chain.only(tuple(name for name in names if name in found.chain.names))
     rows = chain.spread(np.column_stack([found.residual, found.base]))
     rounds = 0 if is_rough else 2
-    forces, criterion = _most_likely(chain, rows, _first_sets(found, chain, near), rounds)
+    forces, criterion = most_likely(chain, rows, first_sets(found, chain, near), rounds)
     white = whitened(chain, rows, forces.sizes[None], forces.times[None])
     if not (np.isfinite(criterion) and np.all(np.isfinite(white.rows))):
         raise SolverError(f"{bench.problem(taken).system.name} cannot be weighed against random forces: it diverges.")
     free = bench.problem(taken).layout.free
     values = scaled_values(bench.problem(taken), point)
     most = np.array([abs(item.value(v) / item.slope(v)) for item, v in zip(free, values, strict=False)])
-    validated, spread = _jackknife(white.rows[0], white.determinant[0], chain, most)
-    ahead = _ahead(bench.problem(taken), values, white.rows[0][chain.measured])
+    validated, spread = jackknife(white.rows[0], white.determinant[0], chain, most)
+    moved = np.clip(values + step_of(white.rows[0][chain.measured]), *bounds(bench.problem(taken)))
+    ahead = point_at(bench.problem(taken), moved)
     sds = {item.name: item.slope(v) * float(s) for item, v, s in zip(free, values, spread, strict=False)}
-    return Weighed(criterion, validated, forces, _bandwidth(white.gain[0], chain), sds, found, ahead)
+    return Weighed(criterion, criterion, validated, forces, _bandwidth(white.gain[0], chain), sds, found, ahead)
 
 
-def _ahead(problem: Problem, values: np.ndarray, white: np.ndarray) -> dict[str, float]:
-    """Return the parameters and free starts after a step of Gauss and Newton on white rows, within their bounds."""
+def step_of(white: np.ndarray) -> np.ndarray:
+    """Return the step of Gauss and Newton on white rows (n, 1 + n_all), in scaled variables."""
     scale = np.linalg.norm(white[:, 1:], axis=0)
     scale = np.where(scale > 0, scale, np.inf)
-    step = np.linalg.lstsq(white[:, 1:] / scale, -white[:, 0], rcond=1e-8)[0] / scale
-    lower, upper = bounds(problem)
-    moved = np.clip(values + step, lower, upper)
-    return {item.name: float(item.value(v)) for item, v in zip(problem.variables, moved, strict=True)}
+    return np.linalg.lstsq(white[:, 1:] / scale, -white[:, 0], rcond=1e-8)[0] / scale
+
+
+def point_at(problem: Problem, values: np.ndarray) -> dict[str, float]:
+    """Return parameters and free starts by name, SI, of scaled variables (n_all,)."""
+    return {item.name: float(item.value(v)) for item, v in zip(problem.variables, values, strict=True)}
 
 
 def _distinct(found: Sweep) -> tuple[str, ...]:
@@ -156,7 +162,8 @@ def _distinct(found: Sweep) -> tuple[str, ...]:
     return tuple(kept)
 
 
-def _first_sets(found: Sweep, chain: Chain, near: Forces | None) -> tuple[np.ndarray, np.ndarray]:
+def first_sets(found: Sweep, chain: Chain, near: Forces | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return sets of sizes and times to begin with, (n_sets, n_d) each: multiples of those `near`, if there are any."""
     if near is not None:
         places = [near.names.index(name) for name in chain.names]
         sizes, times = near.sizes[places], near.times[places]
@@ -178,7 +185,7 @@ def _units(found: Sweep, chain: Chain) -> np.ndarray:
     return np.array([whole / np.linalg.norm(columns[name]) for name in chain.names])
 
 
-def _most_likely(
+def most_likely(
     chain: Chain, rows: np.ndarray, sets: tuple[np.ndarray, np.ndarray], rounds: int
 ) -> tuple[Forces, float]:
     """Return the most likely of sets of forces, improved force by force."""
@@ -210,7 +217,7 @@ def _best(chain: Chain, rows: np.ndarray, sizes: np.ndarray, times: np.ndarray) 
     return best, found[best]
 
 
-def _jackknife(white: np.ndarray, determinant: float, chain: Chain, most: np.ndarray) -> tuple[float, np.ndarray]:
+def jackknife(white: np.ndarray, determinant: float, chain: Chain, most: np.ndarray) -> tuple[float, np.ndarray]:
     """Return -2 ln likelihood with each block predicted from the others, and the spread of the parameters.
 
     Start states, which only the first block of a run determines, are held. What is linear here holds no further than
