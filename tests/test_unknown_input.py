@@ -105,5 +105,5 @@ def test_forces_are_looked_for_until_a_round_gains_little(monkeypatch):
     first = np.array([[1.0, 1.0]]), np.array([[0.1, 0.1]])
     gains = iter([100.0, 99.0, 98.0, 97.8, 97.7, 50.0, 40.0])  # of the first sets, then of each force in each round
     monkeypatch.setattr(weigh_module, "_best", lambda *_: (0, next(gains)))
-    _, criterion = weigh_module._most_likely(chain, chain.spread(values[chain.measured.ravel()][:, None]), first, 5)
+    _, criterion = weigh_module.most_likely(chain, chain.spread(values[chain.measured.ravel()][:, None]), first, 5)
     assert criterion == 97.7  # the second round, which gained 0.3, was the last

@@ -34,7 +34,7 @@ def test_forces_near_known_ones_are_tried_as_they_are_and_with_a_little_of_those
     sizes, times = np.array([3.0, 0.0]), np.array([0.05, 0.7])
     chain = SimpleNamespace(names=("a", "b"))
     found = SimpleNamespace(residual=np.full(4, 5.0), sizes={"a": np.ones(4)}, rough={"b": np.full(4, 0.5)})
-    tried, widths = weigh._first_sets(found, chain, weigh.Forces(("a", "b"), sizes, times))
+    tried, widths = weigh.first_sets(found, chain, weigh.Forces(("a", "b"), sizes, times))
     assert np.array_equal(tried[0], sizes) and np.array_equal(widths[0], times)
     assert np.array_equal(tried[1], [3.0, weigh.AGAIN * 10.0]) and np.array_equal(widths[1], times)
 

@@ -20,6 +20,7 @@ from cartpend_dae.discover.regime import sampling_rate
 from cartpend_dae.discover.unknown_input import whitened
 from cartpend_dae.discover.weigh import (
     LONGEST,
+    TIMES,
     Forces,
     Weighed,
     first_sets,
@@ -40,6 +41,10 @@ ROUNDS, LITTLE = 10, 0.3
 SHARES = (1.0, 0.5, 0.25, 0.125)
 # factors on size and time of each force that are tried along each course
 NEARBY = ((0.6, 1.0), (1.6, 1.0), (1.0, 0.5), (1.0, 2.0))
+# correlation times [s]; shorter ones are found first by what is linear along a course that is not the forces' own
+ALLOWED = (0.04, LONGEST)
+# factors on all sizes, of all forces with one time
+TOGETHER = (0.4, 0.7, 1.0, 1.5)
 # standard deviation of a step of the scaled variables
 REACH = 0.3
 # share of the sampling rate at which the injection may lead the first course
@@ -99,14 +104,16 @@ def _first(
     courses: list[tuple[Forced, _Seen]] = []
     names = tuple(load.size_names[0] for load in acting)
     order = [weighed.forces.names.index(name) for name in names]
-    near = Forces(names, weighed.forces.sizes[order], weighed.forces.times[order])
+    sizes, times = weighed.forces.sizes[order], weighed.forces.times[order]
+    allowed = np.clip(times, *ALLOWED)
+    near = Forces(names, sizes * np.sqrt(times / allowed), allowed)
     for bandwidth in (float(fit.bandwidth[0]), FAST * sampling_rate(bench)):
         try:
             model, course = led(bench, taken, acting, fit.point, bandwidth, sd)
             linear = model.along(course)
         except SolverError:
             continue
-        forces, criterion = most_likely(linear.chain, linear.rows, first_sets(weighed.found, linear.chain, near), 1)
+        forces, criterion = most_likely(linear.chain, linear.rows, first_sets(weighed.found, linear.chain, near), 0)
         courses.append((model, _Seen(course, linear, forces, criterion)))
     if not courses:
         raise SolverError("The model diverges however the output injection leads it.")
@@ -135,14 +142,24 @@ def _at(model: Forced, course: Course, near: Forces) -> _Seen:
 
     The variables are those of the course: what a step of theirs would change to first order may be far off.
     """
-    linear, n_d = model.along(course), len(near.names)
-    sizes, times = (np.tile(part, (1 + n_d * len(NEARBY), 1)) for part in (near.sizes, near.times))
-    for d in range(n_d):
-        place = slice(1 + d * len(NEARBY), 1 + (d + 1) * len(NEARBY))
-        sizes[place, d] *= [factor for factor, _ in NEARBY]
-        times[place, d] = np.minimum(times[place, d] * [factor for _, factor in NEARBY], LONGEST)
+    linear = model.along(course)
+    sizes, times = _near(near)
     forces, criterion = most_likely(linear.chain, linear.rows[:, :, :1], (sizes, times), 0)
     return _Seen(course, linear, forces, criterion)
+
+
+def _near(forces: Forces) -> tuple[np.ndarray, np.ndarray]:
+    """Return sizes and times (n_sets, n_d) to try: as they are, each force otherwise, and all with one time."""
+    sets = [(forces.sizes, forces.times)]
+    for d in range(len(forces.names)):
+        for factor, time in NEARBY:
+            size, width = forces.sizes.copy(), forces.times.copy()
+            size[d], width[d] = factor * size[d], np.clip(time * width[d], *ALLOWED)
+            sets.append((size, width))
+    for time in TIMES:  # as strong at low frequencies
+        alike = forces.sizes * np.sqrt(forces.times / time)
+        sets += [(factor * alike, np.full(alike.size, time)) for factor in TOGETHER]
+    return np.array([size for size, _ in sets]), np.array([width for _, width in sets])
 
 
 def _target(model: Forced, seen: _Seen) -> Course:
