@@ -90,7 +90,7 @@ def test_what_is_linear_is_as_likely_along_any_course():
 
 def test_a_contact_whose_levels_are_equal_is_not_taken_for_one_whose_levels_differ():
     """Along the motion that the injection led, two levels for one explained 104 more of -2 ln likelihood."""
-    bench, sd = cart(FRICTION, 3), np.array([NOISE])
+    bench, sd = cart(FRICTION, 4), np.array([NOISE])
     fits = {}
     for name in ("coulomb_friction", "asymmetric_friction"):
         effect = insertion_at(bench.setup.model, name, "rail")
