@@ -89,6 +89,11 @@ class Layout:
         return self.system.x.numel() + self.system.z.numel()
 
     @property
+    def parameters(self) -> tuple[str, ...]:
+        """The parameter of each slot."""
+        return tuple(slot.parameter for slot in self.slots)
+
+    @property
     def runs(self) -> np.ndarray:
         """The run of each segment, shape (n_segments,)."""
         return np.searchsorted(np.array(self.first), np.arange(self.n_segments), side="right") - 1

@@ -10,7 +10,7 @@ from cartpend_dae.discover.disturbed import fitted
 from cartpend_dae.discover.iterated import _at
 from cartpend_dae.discover.records import FreeSpec, Setup
 from cartpend_dae.discover.unknown_input import whitened
-from cartpend_dae.discover.weigh import Forces, loads_at
+from cartpend_dae.discover.weigh import Forces, loads_at, weigh
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import catalogue, insertion_at, places
 from models.linear_damp_mod import LinearDampMod
@@ -102,3 +102,14 @@ def test_a_contact_whose_levels_are_equal_is_not_taken_for_one_whose_levels_diff
     assert fit.values["rail.coulomb_friction.f_c"] == pytest.approx(FRICTION, abs=1.0)
     # one level more and a damping of each direction: chi-squared of three
     assert -1.0 < plain.criterion - rich.criterion < 12.0
+
+
+def test_a_sweep_along_a_trail_is_linear_as_the_course_is():
+    bench, sd = cart(FRICTION, 0), np.array([NOISE])
+    effect, loads = (insertion_at(bench.setup.model, "coulomb_friction", "rail"),), loads_of(bench)
+    fit, found = fitted(bench, effect, loads, {"rail.coulomb_friction.f_c": 30.0}, 5.0, sd)
+    assert found.trail is not None
+    # one sweeps all effects along what the other one found sample by sample, where 600 of 1,000 samples stick
+    assert found.linear == pytest.approx(found.criterion, abs=1.0)
+    free = weigh(bench, effect, loads, fit.point, float(fit.bandwidth[0]), sd, near=found.forces)
+    assert free.linear > found.linear + 20

@@ -70,8 +70,7 @@ class Forced:
     @cached_property
     def _slots(self) -> list[int]:
         """Where the forces stand among the parameters of a run."""
-        parameters = [slot.parameter for slot in self.problem.layout.slots]
-        return [parameters.index(name) for name in self.names]
+        return [self.problem.layout.parameters.index(name) for name in self.names]
 
     @cached_property
     def fitted(self) -> list[int]:

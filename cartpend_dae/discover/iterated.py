@@ -17,6 +17,7 @@ import numpy as np
 
 from cartpend_dae.discover.course import Course, Forced, Linear, led, smoothed
 from cartpend_dae.discover.regime import sampling_rate
+from cartpend_dae.discover.trail import Trail
 from cartpend_dae.discover.unknown_input import whitened
 from cartpend_dae.discover.weigh import (
     LONGEST,
@@ -38,7 +39,7 @@ from cartpend_dae.identify import Fit
 
 # the course is found anew so often at most, until -2 ln likelihood falls by less; where it rises, by shares of the way
 ROUNDS, LITTLE = 10, 0.3
-SHARES = (1.0, 0.5, 0.25, 0.125)
+SHARES = (0.5, 0.25, 0.125)
 # factors on size and time of each force that are tried along each course
 NEARBY = ((0.6, 1.0), (1.6, 1.0), (1.0, 0.5), (1.0, 2.0))
 # correlation times [s]; shorter ones are found first by what is linear along a course that is not the forces' own
@@ -68,18 +69,21 @@ def refined(
     found: tuple[Fit, Weighed],
     sd: np.ndarray,
 ) -> tuple[Fit, Weighed] | None:
-    """Return a fit and its weighing along the likeliest course; None if nothing rubs, or it diverges."""
+    """Return a fit and its weighing along the likeliest course; None if it is not likelier so, or diverges."""
     fit, weighed = found
-    if not bench.problem(taken).system.frictions.places or not np.any(weighed.forces.sizes):
+    if not np.any(weighed.forces.sizes):
         return None
     acting = tuple(load for load in loads if load.size_names[0] in weighed.forces.names)
     bandwidth = float(fit.bandwidth[0])
     try:
         ends = [(model, _likeliest(model, seen)) for model, seen in _first(bench, taken, acting, found, sd)]
         model, seen = min(ends, key=lambda end: end[1].criterion)
+        if not seen.criterion < weighed.criterion:
+            return None
         point = point_at(model.problem, seen.course.values)
         ahead = bench.fit(taken, point, (bandwidth,), sd, patient=False, iterations=0)
-        after = weigh(bench, taken, loads, ahead.point, bandwidth, sd, near=seen.forces, is_rough=True)
+        trail = _trail(model, seen, acting)
+        after = weigh(bench, taken, loads, ahead.point, bandwidth, sd, near=seen.forces, is_rough=True, trail=trail)
     except SolverError:
         return None
     chain, rows = seen.linear.chain, seen.linear.rows
@@ -90,6 +94,17 @@ def refined(
     validated, spread = jackknife(white.rows[0], white.determinant[0], chain, most)
     sds = {item.name: item.slope(v) * float(s) for (item, v), s in zip(free, spread, strict=True)}
     return ahead, replace(after, criterion=seen.criterion, validated=validated, forces=seen.forces, sd=sds)
+
+
+def _trail(model: Forced, seen: _Seen, acting: tuple[Insertion, ...]) -> Trail | None:
+    """Return the course to screen along; None where nothing sticks, as the injection leads a smooth rig as well.
+
+    Along a course that forces explain whole, all forces and inertias made smaller together would pass for an effect.
+    """
+    system = model.problem.system
+    if not system.frictions.places:
+        return None
+    return Trail(system.states, seen.course.states[: len(system.states)], acting, seen.course.forces)
 
 
 def _first(
@@ -127,10 +142,11 @@ def _likeliest(model: Forced, seen: _Seen) -> _Seen:
     """Go on to the likeliest course, as long as the likelihood rises; the first step may lower it."""
     for number in range(ROUNDS):
         ahead = _target(model, seen)
-        for share in SHARES if number else SHARES[:1]:
-            trial = _at(model, seen.course.towards(ahead, share), seen.forces)
+        trial = _at(model, ahead, seen.forces)
+        for share in SHARES if number else ():
             if trial.criterion < seen.criterion:
                 break
+            trial = _at(model, seen.course.towards(ahead, share), seen.forces)
         gain = seen.criterion - trial.criterion
         if number and not gain > 0:
             break

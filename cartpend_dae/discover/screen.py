@@ -106,8 +106,9 @@ def screen(
     """
     names = tuple(option.content for option in (*taken, *options))
     against = None if weighed is None else (weighed.linear, weighed.bandwidth, weighed.forces)
+    trail = None if weighed is None or weighed.trail is None else weighed.trail.content
     at = _At(bench, taken, point, bandwidth, sd, weighed)
-    depends = names, len(taken), dict(point), bandwidth, sd, against
+    depends = names, len(taken), dict(point), bandwidth, sd, against, trail
     kept = bench.store.recall("screen", depends, lambda: _kept(at, options))
     chosen = [replace(options[p.number], values=p.values) for p in kept]
     found = [
@@ -275,7 +276,9 @@ class _At:
     weighed: Weighed | None
 
     def sweep(self, batch: tuple[Insertion, ...], with_shapes: bool) -> Sweep:
-        return sweep(self.bench, self.taken, batch, self.point, self.bandwidth, self.sd, with_shapes=with_shapes)
+        trail = None if self.weighed is None else self.weighed.trail
+        at = self.bench, self.taken, batch, self.point, self.bandwidth, self.sd
+        return sweep(*at, with_shapes=with_shapes, trail=trail)
 
     def problem(self, option: Insertion) -> Problem:
         return alone_with(self.bench, self.taken, option)

@@ -8,12 +8,13 @@ import numpy as np
 
 from cartpend_dae.along import AllTimes
 from cartpend_dae.problem import Problem
-from cartpend_dae.shooting import carried_on
 from cartpend_dae.system import Frictions, System
 from cartpend_dae.transcribe import sample_step
 
 # sensitivities beyond this are those of an effect whose own states ran away
 LOST = 1e30
+# a push of which less than this share is left at the next sample is one against what sticks
+STUCK = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,12 +32,14 @@ def local_slopes(
     problem: Problem,
     system: System,
     inside: list[int],
-    values: np.ndarray,
-    w: np.ndarray,
+    carried: np.ndarray,
     data: np.ndarray,
     states: np.ndarray,
 ) -> Local:
-    """Differentiate the step between samples, in which the sizes are the number 0 and states of the effects inputs."""
+    """Differentiate the step between samples, in which the sizes are the number 0 and states of the effects inputs.
+
+    `carried` are parameters and bandwidths at each sample, shape (n_slots + n_y, n).
+    """
     own = [i for i in range(system.x.numel()) if i not in inside]
     reduced = _reduced(system, own, inside)
     layout = replace(problem.layout, system=reduced)
@@ -52,7 +55,6 @@ def local_slopes(
     inner = states[inside]
     after = np.hstack([inner[:, 1:], inner[:, -1:]])
     rows = np.vstack([data[: 2 + n_u], inner, data[2 + n_u : 2 + 2 * n_u], after, data[2 + 2 * n_u :]])
-    carried = np.repeat(carried_on(problem, values, w), problem.layout.length, axis=1)
     kept = [*own, *range(system.x.numel(), states.shape[0])]
     found = np.asarray(function.map(n)(carried, states[kept], rows))
     found = found.reshape(n_x + n_y, n, n_x + n_p + n_y).transpose(1, 0, 2)
@@ -105,12 +107,15 @@ class Growth:
 
 @dataclass(frozen=True)
 class Along:
-    """A simulation with effects in it that are not felt: the states, whose own are `inside` effects, at the samples."""
+    """A simulation with effects in it that are not felt: the states, whose own are `inside` effects, at the samples.
+
+    `theta` are the scaled parameters there, shape (n_slots, n).
+    """
 
     problem: Problem
     system: System
     inside: list[int]
-    values: np.ndarray
+    theta: np.ndarray
     data: np.ndarray
     states: np.ndarray
 
@@ -122,9 +127,10 @@ class Along:
     @cached_property
     def parameters(self) -> np.ndarray:
         """The parameters at all samples, shape (n_p, n)."""
-        layout = self.problem.layout
-        each = [np.asarray(self.problem.functions.parameters(self.values[owners])) for owners in layout.owners]
-        return np.hstack(each)[:, np.repeat(layout.runs, layout.length)]
+        changes = np.flatnonzero(np.any(np.diff(self.theta, axis=1) != 0, axis=0)) + 1
+        firsts = np.array([0, *changes])
+        each = [np.asarray(self.problem.functions.parameters(self.theta[:, k])) for k in firsts]
+        return np.repeat(np.hstack(each), np.diff([*firsts, self.theta.shape[1]]), axis=1)
 
     def of(self, name: str) -> np.ndarray:
         """Return a variable at all samples (n,)."""
@@ -148,12 +154,17 @@ class Slopes:
 def slopes_of(along: Along, names: tuple[str, ...]) -> Slopes:
     """Return how fast each size would move the states, and how it would change the outputs, at one instant."""
     s = along.system
-    sizes = s.p[[s.parameter_index(name) for name in names], 0]
+    return _slopes_in(along, s.p[[s.parameter_index(name) for name in names], 0])
+
+
+def _slopes_in(along: Along, sizes: ca.SX, force: ca.SX | None = None) -> Slopes:
+    """Return the slopes in symbols; a `force` is what is added to each dry friction, nothing."""
+    s = along.system
     # a friction of the model that is one with those of effects slides at a level that their sizes change
     ode, alg, outputs = ca.substitute(
         [s.ode[along.own, 0], s.alg, s.outputs[list(along.problem.layout.outputs), 0]],
         [s.frictions.force],
-        [sliding_force(s.frictions)],
+        [sliding_force(s.frictions) if force is None else sliding_force(s.frictions) + force],
     )
     both = ca.vertcat(ode, outputs)
     turned = ca.solve(ca.jacobian(alg, s.z).T, ca.densify(ca.jacobian(both, s.z)).T).T if s.z.numel() else ca.SX()
@@ -195,12 +206,51 @@ class Table:
 
 def growth_of(along: Along, names: tuple[str, ...]) -> Growth:
     """Evaluate the slopes in sizes at all samples."""
-    found = slopes_of(along, names)
+    return _growth(along, slopes_of(along, names))
+
+
+def _growth(along: Along, found: Slopes) -> Growth:
     whole = found.direct - found.through @ found.hidden if along.system.z.numel() else found.direct
     table = Table(along, whole)
     left, right = table.before(), table.after()
     n_own = len(along.own)
     return Growth(left[:, :n_own], right[:, :n_own], left[:, n_own:])
+
+
+def held(along: Along, growth: Growth, local: Local, loose: Local) -> Growth:
+    """Return what sizes do where dry frictions that stick hold against them.
+
+    Parameters
+    ----------
+    along
+        The simulation.
+    growth
+        What sizes would do if all slid.
+    local, loose
+        Derivatives of a step as the model takes it, and if all slid: a push that the next sample hardly knows of is
+        one against what sticks.
+    """
+    s, n_own = along.system, len(along.own)
+    forces = ca.SX.sym("force", len(s.frictions.places))
+    by_force = _growth(along, _slopes_in(along, forces, forces))
+    table = Table(along, ca.jacobian(s.frictions.speed, s.x[along.own, 0]))
+    ways = [table.before(), table.after()]
+    left_over = [
+        np.abs(np.einsum("kfi,kij,kjf->kf", ways[1], each.transition[:, :n_own, :n_own], by_force.left))
+        for each in (local, loose)
+    ]
+    sticks = left_over[0] < STUCK * left_over[1]
+
+    def against(way: np.ndarray, pushes: np.ndarray, moved: np.ndarray) -> np.ndarray:
+        way = np.where(sticks[:, :, None], way, 0.0)
+        return np.linalg.pinv(way @ pushes, rcond=1e-10) @ (way @ moved)
+
+    first, last = against(ways[0], by_force.left, growth.left), against(ways[1], by_force.right, growth.right)
+    return Growth(
+        growth.left - by_force.left @ first,
+        growth.right - by_force.right @ last,
+        growth.outputs - by_force.outputs @ first,
+    )
 
 
 def roughness(growth: "Growth") -> np.ndarray:

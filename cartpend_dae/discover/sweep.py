@@ -25,10 +25,12 @@ from cartpend_dae.discover.slopes import (
     Local,
     basis_of,
     growth_of,
+    held,
     local_slopes,
     roughness,
     sliding_force,
 )
+from cartpend_dae.discover.trail import Trail, nominal, run_along
 from cartpend_dae.discover.unknown_input import Chain
 from cartpend_dae.discover.workbench import COARSE, ROUGH, Workbench, assembled, weighing_step
 from cartpend_dae.effects import Insertion
@@ -97,6 +99,7 @@ def sweep(
     *,
     with_shapes: bool = False,
     is_fine: bool = False,
+    trail: Trail | None = None,
 ) -> Sweep:
     """Linearise the model at a fit in the sizes of many effects at once.
 
@@ -118,42 +121,49 @@ def sweep(
         Look for the most promising shapes as well; see `best_shapes`.
     is_fine
         Take the steps of `weighing_step`, if the simulation does not diverge on them.
+    trail
+        The likeliest course under random forces, along which to linearise; else the output injection leads it.
 
     Raises
     ------
     SolverError
         If the simulation with the effects diverges.
     """
-    whole = (*taken, *options)
+    loads = () if trail is None else trail.loads
+    whole = (*taken, *(load for load in loads if load not in options), *options)
     system = without_events(assembled(bench.setup.model, whole, bench.setup.train), "An estimation")
     system = _sliding(system, [i for i, place in enumerate(system.frictions.places) if _is_at(place, options)])
+    places = None if trail is None else trail.in_states_of(system)
+    if trail is not None and places is None:  # an effect makes other states of them
+        return sweep(bench, taken, options, point, bandwidth, sd, with_shapes=with_shapes, is_fine=is_fine)
     inside = _inside(system, options, bench.problem(taken).system.states)
-    alone = _left_by(bench.problem(taken), point, bandwidth, sd)
+    alone = _left_by(bench.problem(taken), point, bandwidth, sd) if trail is None else None
     for step, stride in strides(bench.setup, is_fine):
-        problem = replace(bench.problem_of(system, taken, whole), step=step, stride=stride)
-        values = scaled_values(problem, point)
-        w = np.full(len(problem.outputs), float(bandwidth))
-        data = stack_data(problem.layout, problem.experiments, 1.0 / sd)
-        residual, states = run_through(problem, values, w, data)
-        own = [i for i in range(states.shape[0]) if i not in inside]
+        problem = replace(bench.problem_of(system, (*taken, *loads), whole), step=step, stride=stride)
+        run = run_along(problem, point, bandwidth, sd, trail, places)
         # where none of them is felt, all leave what the model leaves, but for the coarser steps
-        is_same = np.linalg.norm(residual - alone) <= np.linalg.norm(alone) + np.sqrt(alone.size)
-        if np.all(np.isfinite(states[own])) and is_same:
+        if np.all(np.isfinite(run.states[run.own(inside)])) and run.leaves_no_more_than(alone):
             break
     else:
         raise SolverError("The model with all effects of the catalogue in it diverges.")
-    local = local_slopes(problem, system, inside, values, w, data, states)
+    values, data, carried, states, residual = run.values, run.data, run.carried, run.states, run.residual
+    local = local_slopes(problem, system, inside, carried, data, states)
+    if trail is not None and run.followed is not None:
+        residual = nominal(problem, local, run.followed, values, run.own(inside), run.pushed(local, trail))
     names = tuple(name for insertion in options for name in insertion.size_names)
-    fitted = tuple(item.name for item in problem.layout.free if ":" not in item.name)
-    along = Along(problem, system, inside, values, data, states)
+    fitted = tuple(item.name for item in problem.layout.free if ":" not in item.name and item.name not in names)
+    along = Along(problem, system, inside, carried[: len(problem.layout.slots)], data, states)
     growth = growth_of(along, (*names, *fitted))
     # no rig sticks when its model does: what random forces move goes on as if it slid, at a level that stays as it is,
     # as one that falls with the speed would let what rests run away; only where the rig rests is it as the model says
     free = local
     if system.frictions.places:
         loose = _sliding(system, list(range(len(system.frictions.places))), is_felt=False)
-        free = local_slopes(problem, loose, inside, values, w, data, states)
-        free = _stuck_where(_rests(problem, data), local, free)
+        free = local_slopes(problem, loose, inside, carried, data, states)
+        if trail is None:
+            free = _stuck_where(_rests(problem, data), local, free)
+        else:  # along it the model does as the rig did
+            growth, free = held(along, growth, local, free), local
     found = _gathered(problem, values, (local, free), growth, residual, inside, (*names, *fitted), data)
     sizes, rough = dict[str, np.ndarray](), dict[str, np.ndarray]()
     for name, ratio in zip(names, roughness(growth), strict=False):
@@ -163,6 +173,8 @@ def sweep(
         column = found.sizes.get(item.name, np.zeros(0)) * item.slope(values[i])
         if column.size and np.linalg.norm(column - base[:, i]) < SAME * np.linalg.norm(base[:, i]):
             base[:, i] = column
+    if trail is not None:
+        base = base[:, [i for i, item in enumerate(problem.variables) if item.name not in trail.sizes]]
     again: tuple[Insertion, ...] = ()
     told = {option.prefix: out_of_range(option, along) for option in options}
     refused = {prefix: why for prefix, why in told.items() if why}

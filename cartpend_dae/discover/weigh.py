@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cartpend_dae.discover.sweep import Sweep, sweep
+from cartpend_dae.discover.trail import Trail
 from cartpend_dae.discover.unknown_input import Chain, left_over, likelihood, whitened
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Insertion, Place, catalogue, fits
@@ -51,7 +52,7 @@ class Weighed:
     criterion
         -2 ln likelihood, the scale of the noise concentrated out; of a rig that rubs, along its likeliest course.
     linear
-        The same as it is along the simulation that the output injection leads, which `found` linearises.
+        The same to first order in steps of all variables, as `found` linearises it.
     validated
         The same with each block of time predicted from the others.
     forces
@@ -64,6 +65,8 @@ class Weighed:
         The linearisation.
     next
         Where the likelihood is largest to first order: parameters and free starts by name [SI].
+    trail
+        The likeliest course, along which `found` is linear; None where it is the simulation that the injection leads.
     """
 
     criterion: float
@@ -74,6 +77,7 @@ class Weighed:
     sd: dict[str, float]
     found: Sweep
     next: dict[str, float]
+    trail: Trail | None = None
 
     @property
     def chain(self) -> Chain:
@@ -98,6 +102,7 @@ def weigh(
     *,
     near: Forces | None = None,
     is_rough: bool = False,
+    trail: Trail | None = None,
 ) -> Weighed:
     """Weigh a fit.
 
@@ -119,8 +124,11 @@ def weigh(
         Forces of a fit like this one, from which the search for them starts.
     is_rough
         Leave it at multiples of these.
+    trail
+        The likeliest course, along which to linearise.
     """
-    found = sweep(bench, taken, loads, point, bandwidth, sd, is_fine=bench.weighing is not None and not is_rough)
+    is_fine = bench.weighing is not None and (trail is not None or not is_rough)
+    found = sweep(bench, taken, loads, point, bandwidth, sd, is_fine=is_fine, trail=trail)
     assert found.chain is not None
     names = near.names if near is not None else _distinct(found)
     chain = found.chain.only(tuple(name for name in names if name in found.chain.names))
@@ -137,7 +145,7 @@ def weigh(
     moved = np.clip(values + step_of(white.rows[0][chain.measured]), *bounds(bench.problem(taken)))
     ahead = point_at(bench.problem(taken), moved)
     sds = {item.name: item.slope(v) * float(s) for item, v, s in zip(free, values, spread, strict=False)}
-    return Weighed(criterion, criterion, validated, forces, _bandwidth(white.gain[0], chain), sds, found, ahead)
+    return Weighed(criterion, criterion, validated, forces, _bandwidth(white.gain[0], chain), sds, found, ahead, trail)
 
 
 def step_of(white: np.ndarray) -> np.ndarray:
