@@ -213,8 +213,9 @@ def _nodes(
     A sensor that lags behind what corrects it makes a fast correction unstable; then a slower one does.
     """
     fast = dominant_frequency(problem.experiments) * FOLLOW
-    ways = [max(bandwidth, fast / slower) for slower in SLOWER] if observer is None else [observer]
-    for follow in dict.fromkeys(ways[:-1]):
+    tried = [max(bandwidth, fast / slower) for slower in SLOWER] if observer is None else [observer]
+    ways = list(dict.fromkeys(tried))
+    for follow in ways[:-1]:
         with contextlib.suppress(SolverError):
             return follow, filtered_nodes(problem, values, np.full(len(problem.outputs), follow), data)
     return ways[-1], filtered_nodes(problem, values, np.full(len(problem.outputs), ways[-1]), data)

@@ -232,7 +232,10 @@ def held(along: Along, growth: Growth, local: Local, loose: Local) -> Growth:
     """
     s, n_own = along.system, len(along.own)
     forces = ca.SX.sym("force", len(s.frictions.places))
-    by_force = _growth(along, _slopes_in(along, forces, forces))
+    found = _slopes_in(along, forces, forces)
+    # the level of one may depend on the force of another
+    parts = ca.substitute([found.direct, found.hidden, found.through], [forces], [ca.SX.zeros(forces.numel())])
+    by_force = _growth(along, Slopes(*parts))
     table = Table(along, ca.jacobian(s.frictions.speed, s.x[along.own, 0]))
     ways = [table.before(), table.after()]
     left_over = [

@@ -54,11 +54,15 @@ class Rules:
 
 
 def push_left(before: Base, after: Base) -> float:
-    """Return the random forces found over those without any additions, at low frequency; infinite if unknown."""
+    """Return the random forces found over those without any additions, at low frequency.
+
+    It is infinite if unknown, as where none of them acted without additions.
+    """
     if before.weighed is None or after.weighed is None:
         return np.inf
     old, new = (
         dict(zip(one.forces.names, one.forces.sizes * np.sqrt(one.forces.times), strict=True))
         for one in (before.weighed, after.weighed)
     )
-    return max((size / old[name] for name, size in new.items() if size and old.get(name)), default=0.0)
+    left = {name: size for name, size in new.items() if size}
+    return max((size / old[name] for name, size in left.items() if old.get(name)), default=np.inf if left else 0.0)
