@@ -5,9 +5,9 @@ import pytest
 
 from cartpend_dae import simulate
 from cartpend_dae.data import Channel, Experiment, Start
+from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.records import Candidate, FreeSpec, Setup
 from cartpend_dae.discover.regime import LADDER, best_bandwidth
-from cartpend_dae.discover.screen import is_other_law
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import insertion_at
 from models.rota_damp import RotaDamp

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.disturbed import ALIKE as ALIKE_WEIGHED
 from cartpend_dae.discover.disturbed import fitted, is_composite
 from cartpend_dae.discover.evidence import determined, peaks_alone
 from cartpend_dae.discover.gate import is_clean, residuals
 from cartpend_dae.discover.records import Candidate, Gate, Step
-from cartpend_dae.discover.screen import is_other_law
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import catalogue

@@ -11,6 +11,7 @@ import numpy as np
 from cartpend_dae.discover.attempts import kept
 from cartpend_dae.discover.bases import base_of, followed
 from cartpend_dae.discover.choice import ALIKE, NEAR, SHAPE, SIMPLER, TOUCH, contains, step_beside, step_of
+from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.disturbed import is_composite
 from cartpend_dae.discover.evidence import bic, cancelled
 from cartpend_dae.discover.gate import is_clean, is_noise_alone, residuals
@@ -19,7 +20,7 @@ from cartpend_dae.discover.nested import as_plain, holds, shared
 from cartpend_dae.discover.promising import EARLY, Couple, beside, promising
 from cartpend_dae.discover.rattle import is_all_that_tells
 from cartpend_dae.discover.records import Candidate, Step
-from cartpend_dae.discover.screen import UNSEEN, is_other_law
+from cartpend_dae.discover.screen import UNSEEN
 from cartpend_dae.discover.shape import is_far_from_noise, is_left_to_shape, is_shape_error, leaves_little
 from cartpend_dae.discover.shortlist import chosen
 from cartpend_dae.discover.state import Base, Rules

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.evidence import determined
 from cartpend_dae.discover.iterated import refined
 from cartpend_dae.discover.records import Candidate
@@ -308,9 +309,13 @@ def _selection(
     return float(np.sum(run_through(problem, scaled_values(problem, known), w, data)[0] ** 2))
 
 
-def margin_of(gain: float) -> float:
-    """Return by how much less an effect may gain than the best one and explain the data alike."""
-    return max(ALIKE, ALIKE_SHARE * gain)
+def margin_of(best: Candidate, other: Candidate) -> float:
+    """Return by how much less an effect may gain than the best one and explain the data alike.
+
+    Laws of one contact are weighed along the course that each makes likeliest, where no share of what both explain is
+    the error of that.
+    """
+    return ALIKE if is_other_law(best, other) else max(ALIKE, ALIKE_SHARE * best.gain)
 
 
 def is_composite(insertion: Insertion) -> bool:
@@ -330,7 +335,7 @@ def ordered(judged: list[Candidate], second: Callable[[Candidate, Candidate], st
     good = [c for c in found if not c.why_not]
     if not good:
         return found
-    alike = [c for c in good if good[0].gain - c.gain < margin_of(good[0].gain)]
+    alike = [c for c in good if good[0].gain - c.gain < margin_of(good[0], c)]
     alike = [c for c in alike if not is_composite(c.insertion)] or alike
     first = min(alike, key=lambda c: (determined(c.fit), -c.gain))
     return [first, *(replace(c, why_not=c.why_not or second(c, first)) for c in found if c is not first)]

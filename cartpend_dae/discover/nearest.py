@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.evidence import bic
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.records import Candidate
-from cartpend_dae.discover.screen import is_other_law
 from cartpend_dae.discover.shortlist import is_simple
 
 # so many of the best are fitted to the end, and so many of those that explained most at the first stage, where the rest

@@ -8,10 +8,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import product
 
+from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.evidence import SPEEDS, peaks_alone
 from cartpend_dae.discover.gate import is_clean
 from cartpend_dae.discover.records import Candidate
-from cartpend_dae.discover.screen import is_other_law
 from cartpend_dae.discover.shortlist import each_choice
 from cartpend_dae.effects import Insertion
 

@@ -11,11 +11,12 @@ from itertools import combinations
 import numpy as np
 
 from cartpend_dae.discover.choice import are_parallel, contains
+from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.disturbed import is_composite
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.nearest import left_early
 from cartpend_dae.discover.records import Candidate
-from cartpend_dae.discover.screen import is_other_law, screen
+from cartpend_dae.discover.screen import screen
 from cartpend_dae.discover.shortlist import each_wave
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.workbench import ROUGH, Workbench

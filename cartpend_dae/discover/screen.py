@@ -8,6 +8,7 @@ from itertools import chain
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from cartpend_dae.discover.contact import is_dry, moves_alike
 from cartpend_dae.discover.disturbed import is_composite, predictions
 from cartpend_dae.discover.records import Candidate, Prediction
 from cartpend_dae.discover.slopes import basis_of
@@ -42,27 +43,12 @@ def candidates(cards: tuple[Card, ...], places: tuple[Place, ...], taken: tuple[
     A contact has one law of dry friction: where the model has one, another is no addition.
     """
     names = {insertion.prefix for insertion in taken}
-    rubbing = [insertion.place for insertion in taken if _is_dry(insertion.card)]
-    rubbed = [place for place in places if any(_moves_alike(place, other) for other in rubbing)]
+    rubbing = [insertion.place for insertion in taken if is_dry(insertion.card)]
+    rubbed = [place for place in places if any(moves_alike(place, other) for other in rubbing)]
     fitting = [(card, place) for place in places for card in cards if fits(card, place)]
-    fitting = [(card, place) for card, place in fitting if not (_is_dry(card) and place in rubbed)]
+    fitting = [(card, place) for card, place in fitting if not (is_dry(card) and place in rubbed)]
     found = [Insertion(card, place, start) for card, place in fitting for start in card.starts(place.kind)]
     return [insertion for insertion in found if insertion.prefix not in names]
-
-
-def is_other_law(one: Candidate, other: Candidate) -> bool:
-    """Return whether two candidates are laws of dry friction of the same contact."""
-    is_dry = _is_dry(one.insertion.card) and _is_dry(other.insertion.card)
-    return is_dry and _moves_alike(one.insertion.place, other.insertion.place)
-
-
-def _is_dry(card: Card) -> bool:
-    return card.insertion == "parallel" and "sign v" in card.regressors
-
-
-def _moves_alike(one: Place, other: Place) -> bool:
-    """Return whether two places have one motion; a part such as a rod may have two, of which each is another's too."""
-    return one.at == other.at or one.at in other.same_motion or other.at in one.same_motion
 
 
 def screen(

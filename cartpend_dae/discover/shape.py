@@ -5,10 +5,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from cartpend_dae.discover.choice import SHAPE, TOUCH, contains
+from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.disturbed import penalty
 from cartpend_dae.discover.gate import is_noise_alone, most_of_noise, residuals
 from cartpend_dae.discover.records import Candidate
-from cartpend_dae.discover.screen import is_other_law, screen
+from cartpend_dae.discover.screen import screen
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.weigh import weigh
 from cartpend_dae.discover.workbench import Workbench

@@ -1,0 +1,20 @@
+"""Which candidates are laws of one contact: a contact has one law of dry friction."""
+
+from cartpend_dae.discover.records import Candidate
+from cartpend_dae.effects import Card, Place
+
+
+def is_other_law(one: Candidate, other: Candidate) -> bool:
+    """Return whether two candidates are laws of dry friction of the same contact."""
+    both = is_dry(one.insertion.card) and is_dry(other.insertion.card)
+    return both and moves_alike(one.insertion.place, other.insertion.place)
+
+
+def is_dry(card: Card) -> bool:
+    """Return whether an effect is a law of dry friction."""
+    return card.insertion == "parallel" and "sign v" in card.regressors
+
+
+def moves_alike(one: Place, other: Place) -> bool:
+    """Return whether two places have one motion; a part such as a rod may have two, of which each is another's too."""
+    return one.at == other.at or one.at in other.same_motion or other.at in one.same_motion
