@@ -30,6 +30,7 @@ from cartpend_dae.discover.shape import (
 )
 from cartpend_dae.discover.shortlist import best_of_each, with_waves
 from cartpend_dae.discover.state import Base, Rules
+from cartpend_dae.discover.trial import LAW, lead_needed
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import catalogue, insertion_at, places
 from cartpend_dae.errors import SolverError
@@ -151,8 +152,19 @@ def test_a_plain_law_starts_from_the_richer_one_that_is_further_than_alike_again
         assert bool(simplified([plain, rich], lambda c: -c.gain, is_behind)) is again
 
 
+def test_a_law_that_explained_more_in_noise_too_needs_no_clear_lead_against_forces(fitted):
+    """A Stribeck curve was called Coulomb friction, which noise had taken as the plainer one alone."""
+    told = fitted("coulomb_friction", 20_965.0, 1.0, tau_c=0.09)
+    best = fitted("stribeck_friction", 2072.0, 1.0, tau_c=0.08, tau_s=0.14, w_s=0.1, d=0.0)
+    assert lead_needed(best, told, replace(best, gain=24_391.0)) == margin_of(best, told)
+    assert lead_needed(best, told, replace(best, gain=20_000.0)) == LAW * 2072.0
+    assert lead_needed(best, told, None) == LAW * 2072.0
+    elsewhere = fitted("constant_load", 2072.0, 1.0, tau_0=1.0)
+    assert lead_needed(elsewhere, told, None) == margin_of(elsewhere, told)
+
+
 def test_laws_of_one_contact_are_told_apart_by_less_than_other_effects(fitted):
-    """A Stribeck curve, a direction or a position dependence was called Coulomb friction, 25 to 240 of 2,200 behind."""
+    """A position dependence was called Coulomb friction, which explained 24 of 2,239 less."""
     best = fitted("stribeck_friction", 2072.0, 1.0, tau_c=0.08, tau_s=0.14, w_s=0.1, d=0.0)
     assert margin_of(best, fitted("coulomb_friction", 2040.0, 1.0, tau_c=0.09)) == ALIKE
     assert margin_of(best, fitted("constant_load", 2040.0, 1.0, tau_0=1.0)) == ALIKE_SHARE * 2072.0

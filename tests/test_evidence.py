@@ -66,7 +66,7 @@ def test_an_effect_in_series_that_contains_another_one_is_known():
 def test_what_grows_beyond_all_numbers_against_forces_is_told_and_not_judged():
     insertion = insertion_at(RotaDamp(), "quadratic_drag", "bearing")
     candidate = Candidate(insertion, insertion.starts, 0.0, 0.0, 0.0, None, "")
-    base = SimpleNamespace(criterion=100.0)
+    base = SimpleNamespace(linear=100.0)
     # products of residual and column, and their lengths: -r.c is 3 of |r|^2 = 10, so that 9 are explained
     good = np.array([[10.0, -3.0], [-3.0, 1.0], [1.0, 1.0]])
     known = disturbed._predicted(candidate, [1], [good], np.zeros(1), 50, base)

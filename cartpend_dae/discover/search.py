@@ -8,7 +8,7 @@ from cartpend_dae.discover.bases import Library, base_of, fit_base, noise_alone,
 from cartpend_dae.discover.choice import SHAPE, are_parallel, beyond_shape, step_of
 from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.couple import couple, plainer, simpler
-from cartpend_dae.discover.disturbed import fitted, margin_of, polished
+from cartpend_dae.discover.disturbed import fitted, polished
 from cartpend_dae.discover.edges import off_edges
 from cartpend_dae.discover.evidence import determined, lead, with_robust_sd
 from cartpend_dae.discover.gate import residuals
@@ -29,7 +29,7 @@ from cartpend_dae.discover.shape import (
     supported,
 )
 from cartpend_dae.discover.state import Base, Rules, push_left
-from cartpend_dae.discover.trial import try_all, try_in_noise, weighed_trials
+from cartpend_dae.discover.trial import lead_needed, try_all, try_in_noise, weighed_trials
 from cartpend_dae.discover.verdict import compared, is_told_freely, pushes_remain, verdict
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Place
@@ -242,7 +242,8 @@ def _forced(bench: Workbench, noise: Rules, base: Base) -> tuple[Rules, Base]:
 def _is_confirmed(bench: Workbench, log: _Log, start: Base, rules: Rules, library: Library) -> bool:
     """Return whether the first effect explains as much against random forces as the one that would be taken there.
 
-    One with fewer parameters that explains as much speaks against it.
+    One with fewer parameters that explains as much speaks against it. Which law a contact has is told by noise, unless
+    forces say so clearly, or noise said the same and took the plainer one.
     """
     told = log.steps[0].candidate
     ranked = weighed_trials(bench, start, rules, candidates(*library, ()), (told.insertion.prefix,))
@@ -252,7 +253,8 @@ def _is_confirmed(bench: Workbench, log: _Log, start: Base, rules: Rules, librar
     best = ranked[0]
     if best is own or best.why_not:
         return True
-    return determined(best.fit) >= determined(own.fit) and best.gain - own.gain < margin_of(best, own)
+    margin = lead_needed(best, told, log.tried.get(best.insertion.prefix))
+    return determined(best.fit) >= determined(own.fit) and best.gain - own.gain < margin
 
 
 def _uncovered(bench: Workbench, start: Base, rules: Rules, library: Library, log: _Log) -> tuple[Base, Step] | None:

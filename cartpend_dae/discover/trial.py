@@ -7,7 +7,7 @@ import numpy as np
 from cartpend_dae.discover.attempts import each
 from cartpend_dae.discover.choice import SHAPELESS, ordered_by_bic, rounded_first, second
 from cartpend_dae.discover.contact import is_other_law
-from cartpend_dae.discover.disturbed import ALIKE, is_composite, judge, ordered, penalty
+from cartpend_dae.discover.disturbed import ALIKE, is_composite, judge, margin_of, ordered, penalty
 from cartpend_dae.discover.evidence import bic, cancelled, coloured_bic
 from cartpend_dae.discover.gate import is_clean, is_noise_alone
 from cartpend_dae.discover.nearest import NARROW, left_by, left_early, nearest
@@ -51,6 +51,8 @@ DOWN = 2
 FEW, HALF = 5, 0.5
 # so many where one is only to be confirmed
 RIVALS = 3
+# share of what a law of dry friction explains against random forces by which another of its contact is clearly better
+LAW = 0.1
 # a law that leaves less than so many times what the best one leaves at first may be the wrong one of its contact
 NEAR = 1.5
 # where no effect explains this share of chi2, the injection hides what is missing
@@ -217,6 +219,23 @@ def weighed_trials(
     judged = best_of_each(judged, lambda c: -c.gain)
     found = [c for c in judged if c.fit is not None]
     return rounded_first(ordered(found, second)) + [c for c in judged if c.fit is None] + rest
+
+
+def lead_needed(best: Candidate, told: Candidate, in_noise: Candidate | None) -> float:
+    """Return how much more another effect must explain against random forces than one that noise alone told.
+
+    Parameters
+    ----------
+    best
+        The other effect, fitted against random forces.
+    told
+        The effect as it was taken in noise alone.
+    in_noise
+        The other one as it was judged there, if it was: where it explained more, but not by as much as the shape of a
+        law, noise told nothing of the law.
+    """
+    is_told = in_noise is None or not in_noise.gain > told.gain
+    return LAW * best.gain if is_told and is_other_law(best, told) else margin_of(best, told)
 
 
 def _first_fits(
