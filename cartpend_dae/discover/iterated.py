@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cartpend_dae.discover.contact import is_dry
 from cartpend_dae.discover.course import Course, Forced, Linear, led, smoothed
 from cartpend_dae.discover.regime import sampling_rate
 from cartpend_dae.discover.trail import Trail
@@ -69,9 +70,10 @@ def refined(
     found: tuple[Fit, Weighed],
     sd: np.ndarray,
 ) -> tuple[Fit, Weighed] | None:
-    """Return a fit and its weighing along the likeliest course; None if it is not likelier so, or diverges."""
+    """Return a fit and its weighing along the likeliest course; None if nothing rubs, or it is not likelier."""
     fit, weighed = found
-    if not np.any(weighed.forces.sizes):
+    rubs = bool(bench.problem(taken).system.frictions.places) or any(is_dry(one.card) for one in taken)
+    if not rubs or not np.any(weighed.forces.sizes):
         return None
     acting = tuple(load for load in loads if load.size_names[0] in weighed.forces.names)
     bandwidth = float(fit.bandwidth[0])
