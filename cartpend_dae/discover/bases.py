@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from cartpend_dae.discover.choice import is_tied
-from cartpend_dae.discover.disturbed import fitted, polished
+from cartpend_dae.discover.disturbed import fitted, polished, reweighed
 from cartpend_dae.discover.gate import is_noise_alone, residuals
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.screen import candidates, screen
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.weigh import loads_at, weigh
+from cartpend_dae.discover.weigh import loads_at
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Insertion, Place
 from cartpend_dae.errors import SolverError
@@ -73,9 +73,8 @@ def base_of(bench: Workbench, before: Base, taken: tuple[Insertion, ...], winner
     if rules.regime == "disturbances":
         return Base(together, {rules.screening: winner.fit}, before.bare)
     if rules.regime == "forces":
-        bandwidth, point = float(winner.fit.bandwidth[0]), winner.fit.point
-        weighed = weigh(bench, together, rules.loads, point, bandwidth, rules.sd)
-        fit, weighed = polished(bench, together, rules.loads, (winner.fit, weighed), rules.sd)
+        found = reweighed(bench, together, rules.loads, winner.fit, rules.sd)
+        fit, weighed = polished(bench, together, rules.loads, found, rules.sd)
         return Base(together, {float(fit.bandwidth[0]): fit}, before.bare, weighed)
     stages = [w for w in rules.stages if bench.last < w <= rules.screening]
     fits: dict[float, Fit] = {}

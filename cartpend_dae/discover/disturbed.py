@@ -119,6 +119,20 @@ def polished(
     return fit, weighed
 
 
+def reweighed(
+    bench: Workbench,
+    taken: tuple[Insertion, ...],
+    loads: tuple[Insertion, ...],
+    fit: Fit,
+    sd: np.ndarray,
+    *,
+    near: Forces | None = None,
+) -> tuple[Fit, Weighed]:
+    """Return a fit against random forces with its weighing, which is not kept with a candidate; see `fitted`."""
+    weighed = weigh(bench, taken, loads, fit.point, float(fit.bandwidth[0]), sd, near=near)
+    return refined(bench, taken, loads, (fit, weighed), sd) or (fit, weighed)
+
+
 def _likelier(
     bench: Workbench,
     taken: tuple[Insertion, ...],
@@ -268,10 +282,12 @@ def judge(
     sizes = [name for name in candidate.insertion.size_names if after.sd.get(name, 0.0) > 0]
     t = max((abs(fit.values[name]) / after.sd[name] for name in sizes), default=0.0)
     needed = penalty(n_options) * len(parameters)
-    at_bound = [e.status == "at-bound" for e in fit.parameters if e.name in candidate.insertion.size_names]
+    states = [e.status for e in fit.parameters if e.name in candidate.insertion.size_names]
     why = ""
-    if at_bound and all(at_bound):
+    if states and all(status == "at-bound" for status in states):
         why = "its parameter ends on its bound, where it has no effect"
+    elif states and all(status == "unidentifiable" for status in states):
+        why = "no sensor sees it apart from what is free already, as it ends"
     elif gain < needed:
         why = f"against random forces -2 ln likelihood falls by {gain:.1f}, less than {needed:.1f}"
     elif weighed.validated < after.validated:

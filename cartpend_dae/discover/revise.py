@@ -9,7 +9,7 @@ from cartpend_dae.discover.choice import NEAR, SHAPE, SIMPLER, step_beside, step
 from cartpend_dae.discover.couple import as_fitted, plainer
 from cartpend_dae.discover.disturbed import ALIKE, penalty
 from cartpend_dae.discover.evidence import bic
-from cartpend_dae.discover.gate import residuals
+from cartpend_dae.discover.gate import is_noise_alone, residuals
 from cartpend_dae.discover.nested import shared
 from cartpend_dae.discover.predicted import MIN_SHARE, explained
 from cartpend_dae.discover.records import Candidate, Step
@@ -43,6 +43,8 @@ def prune(
         else:
             cost = MIN_BIC_GAIN if rules.regime == "noise" else penalty(n_options) * len(step.candidate.parameters)
             is_needed = _criterion(trial, rules) - _criterion(base, rules) > cost
+            # the search goes on until noise is left, and no further
+            is_needed = is_needed and (rules.regime != "noise" or not is_noise_alone(trial.fit))
         if not is_needed:
             base = trial
             steps = [s for s in steps if s.candidate.insertion.prefix != step.candidate.insertion.prefix]

@@ -12,6 +12,7 @@ from cartpend_dae.discover.disturbed import fitted, polished
 from cartpend_dae.discover.edges import off_edges
 from cartpend_dae.discover.evidence import determined, lead, with_robust_sd
 from cartpend_dae.discover.gate import residuals
+from cartpend_dae.discover.laws import lawful
 from cartpend_dae.discover.mirror import mirrored
 from cartpend_dae.discover.promising import may_be_two
 from cartpend_dae.discover.rattle import RattlingError, is_all_that_tells, least_that_tells
@@ -93,6 +94,8 @@ def search(
             rules, start, base = _against_forces(bench, noise, (start, alone), library, max_steps, log)
             if base is alone:
                 base, log.steps = settled(bench, base, log.steps, noise)
+        if rules.regime in MOVED:
+            base, log.steps = lawful(bench, base, log.steps, rules, noise, library)
     except KeyboardInterrupt:
         log.is_interrupted, base = True, log.base or start
     last_gate = residuals(base.fit)
