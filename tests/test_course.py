@@ -5,6 +5,7 @@ import pytest
 from test_unknown_input import WIDTH, N, chain_of
 
 from cartpend_dae.data import Channel, Experiment, Start
+from cartpend_dae.discover import iterated
 from cartpend_dae.discover.course import led, smoothed
 from cartpend_dae.discover.disturbed import fitted
 from cartpend_dae.discover.iterated import _at
@@ -13,6 +14,7 @@ from cartpend_dae.discover.unknown_input import whitened
 from cartpend_dae.discover.weigh import Forces, loads_at, weigh
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import catalogue, insertion_at, places
+from cartpend_dae.errors import SolverError
 from models.linear_damp_mod import LinearDampMod
 
 NOISE, STEP, FRICTION = 5e-5, 0.01, 30.0
@@ -76,6 +78,29 @@ def test_the_smoother_is_least_squares_over_all_forces(n_y):
     np.testing.assert_allclose(forces, likeliest, atol=1e-8 * np.abs(likeliest).max())
     motion = np.einsum("kdix,kdm->ixm", moved, likeliest)
     np.testing.assert_allclose(states, motion, atol=1e-8 * np.abs(motion).max())
+
+
+def test_what_grows_beyond_all_numbers_is_no_course(monkeypatch):
+    """The smoother had ended a whole search with "Matrix is not positive definite"."""
+
+    def indefinite(_):
+        raise np.linalg.LinAlgError("Matrix is not positive definite")
+
+    with monkeypatch.context() as patch, pytest.raises(SolverError, match="grows beyond all numbers"):
+        patch.setattr(np.linalg, "cholesky", indefinite)
+        smoothed(chain_of(1), np.ones((N, 1, 2)), np.array([3.0, 40.0]), np.array([0.1, 0.5]))
+    bench, sd = cart(FRICTION, 0), np.array([NOISE])
+    effect, loads = (insertion_at(bench.setup.model, "coulomb_friction", "rail"),), loads_of(bench)
+    guess = {"rail.coulomb_friction.f_c": 30.0}
+    fit = bench.fit(effect, guess, (5.0,), sd, patient=False)
+    weighed = weigh(bench, effect, loads, fit.point, 5.0, sd)
+
+    def diverges(*_):
+        raise SolverError("it diverges")
+
+    monkeypatch.setattr(iterated, "_target", diverges)
+    found = iterated.refined(bench, effect, loads, (fit, weighed), sd)
+    assert found is None or found[1].criterion < weighed.criterion  # the first course stands
 
 
 def test_what_is_linear_is_as_likely_along_any_course():

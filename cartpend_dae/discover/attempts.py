@@ -28,7 +28,7 @@ def each(
     def attempt(candidate: Candidate) -> dict[str, Any]:
         try:
             done = work(at, candidate)
-        except UNSOLVED as error:
+        except (*UNSOLVED, np.linalg.LinAlgError) as error:  # or numbers grow beyond all bounds
             done = replace(candidate, gain=0.0, t=0.0, fit=None, why_not=f"its fit failed: {error}")
         return {name: getattr(done, name) for name in FOUND}
 

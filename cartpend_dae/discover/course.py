@@ -187,6 +187,11 @@ def smoothed(
     tuple
         Innovations over the root of their variance (n, n_y, m), and deviations of states (n, n_x, m) and of forces
         (n, n_d, m).
+
+    Raises
+    ------
+    SolverError
+        If what is linear grows so fast that a covariance is none any more.
     """
     n, n_y, m = rows.shape
     n_x, whole = chain.transition.shape[1], chain.transition.shape[1] + len(sizes)
@@ -206,7 +211,10 @@ def smoothed(
     for k, now in enumerate(samples):
         on, c, way = is_on[k], seen[now], ways[now]
         crossed = cov @ c.swapaxes(1, 2)
-        root = np.linalg.cholesky(c @ crossed + np.eye(n_y))
+        try:
+            root = np.linalg.cholesky(c @ crossed + np.eye(n_y))
+        except np.linalg.LinAlgError as error:
+            raise SolverError("What is linear along the course grows beyond all numbers.") from error
         new = np.linalg.solve(root, np.concatenate([rows[now] - c @ mean, c], axis=2))
         told = np.linalg.solve(root.swapaxes(1, 2), new)
         stay = np.eye(whole) - crossed @ told[:, :, m:]

@@ -143,12 +143,15 @@ def _first(
 def _likeliest(model: Forced, seen: _Seen) -> _Seen:
     """Go on to the likeliest course, as long as the likelihood rises; the first step may lower it."""
     for number in range(ROUNDS):
-        ahead = _target(model, seen)
-        trial = _at(model, ahead, seen.forces)
-        for share in SHARES if number else ():
-            if trial.criterion < seen.criterion:
-                break
-            trial = _at(model, seen.course.towards(ahead, share), seen.forces)
+        try:
+            ahead = _target(model, seen)
+            trial = _at(model, ahead, seen.forces)
+            for share in SHARES if number else ():
+                if trial.criterion < seen.criterion:
+                    break
+                trial = _at(model, seen.course.towards(ahead, share), seen.forces)
+        except SolverError:  # it diverges there
+            break
         gain = seen.criterion - trial.criterion
         if number and not gain > 0:
             break
