@@ -1,5 +1,6 @@
 """Which law of a contact is the likeliest where small disturbances move the rig: starts, rounds and the choice."""
 
+import importlib
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -19,6 +20,8 @@ from cartpend_dae.effects import catalogue, insertion_at, places
 from cartpend_dae.errors import SolverError
 from cartpend_dae.uncertainty import Estimate
 from models.rota_damp import RotaDamp
+
+search = importlib.import_module("cartpend_dae.discover.search")  # the package has a function of this name
 
 
 @pytest.fixture(scope="module")
@@ -175,3 +178,31 @@ def test_the_law_of_each_contact_is_put_right_and_one_that_diverges_stays(
     after, (step,) = laws.lawful(bench, base, steps, rules, rules, library)
     assert [i.card.id for i in after.taken] == ["stribeck_friction"] == [step.candidate.insertion.card.id]
     assert step.candidate.fit is after.fit and after.bare == base.bare
+
+
+def test_where_predictions_tell_nothing_what_forces_told_before_stands(bench, rules, law, plain_fit, monkeypatch):
+    """A gap explained 1,445 of -2 ln likelihood, and then predictions, which explain everything so, were asked."""
+    told = law("cubic_stiffness")
+    step = step_of(told, residuals(told.fit), [told])
+    start, model = Base((), {0.0: plain_fit}, plain_fit.chi2), Base((told.insertion,), {0.0: told.fit}, plain_fit.chi2)
+    fast = Base((), {0.0: replace(plain_fit, bandwidth=np.array([1e4]))}, plain_fit.chi2)
+    against, predicted = (replace(rules, regime=regime) for regime in ("forces", "disturbances"))
+    grown: list[str] = []
+
+    def grow(bench, base, how, library, max_steps, log):
+        grown.append(how.regime)
+        return log.base or base
+
+    monkeypatch.setattr(search, "_forced", lambda *_: (against, fast))
+    monkeypatch.setattr(search, "_disturbed", lambda *_: (predicted, start))
+    monkeypatch.setattr(search, "_grow", grow)
+    for seen, regimes, taken in (
+        (search._Uncovered(model, step, {}, True), ["forces"], model.taken),
+        (search._Uncovered(model, step, {}, False), ["disturbances", "forces"], model.taken),
+        (None, ["disturbances"], ()),
+    ):
+        grown.clear()
+        monkeypatch.setattr(search, "_uncovered", lambda *_, seen=seen: seen)
+        log = search._Log()
+        _, _, base = search._against_forces(bench, rules, (start, start), ((), ()), 3, log)
+        assert (grown, base.taken, log.steps) == (regimes, taken, [step] if seen else [])

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cartpend_dae.discover.bases import Library, base_of, fit_base, noise_alone, noise_rules, place_with_a_future
-from cartpend_dae.discover.choice import SHAPE, are_parallel, beyond_shape, step_of
-from cartpend_dae.discover.contact import is_other_law
+from cartpend_dae.discover.choice import SHAPE, beyond_shape, step_of
 from cartpend_dae.discover.couple import couple, plainer, simpler
 from cartpend_dae.discover.disturbed import fitted, polished
 from cartpend_dae.discover.edges import off_edges
@@ -29,6 +28,7 @@ from cartpend_dae.discover.shape import (
     is_plainer_left_to_shape,
     supported,
 )
+from cartpend_dae.discover.shortlist import distinct
 from cartpend_dae.discover.state import Base, Rules, push_left
 from cartpend_dae.discover.trial import lead_needed, try_all, try_in_noise, weighed_trials
 from cartpend_dae.discover.verdict import compared, is_told_freely, pushes_remain, verdict
@@ -121,6 +121,16 @@ def search(
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Uncovered:
+    """A model with its first effect, and what was tried; it `is_clear` if that leaves little to random forces."""
+
+    base: Base
+    step: Step
+    tried: dict[str, Candidate]
+    is_clear: bool
+
+
 @dataclass(slots=True)
 class _Log:
     """What a search has found so far, kept when it is interrupted.
@@ -133,6 +143,11 @@ class _Log:
     base: Base | None = None
     judged: Regime = "noise"
     is_interrupted: bool = False
+
+    def begin_with(self, seen: _Uncovered | None) -> None:
+        """Begin anew, with a first effect if there is one."""
+        self.steps, self.base = ([], None) if seen is None else ([seen.step], seen.base)
+        self.tried |= {} if seen is None else seen.tried
 
     def back_to(self, before: "_Log") -> None:
         """Let what was found before stand."""
@@ -167,10 +182,15 @@ def _against_forces(
             # what is so fast is faster than the usual steps, too
             rules, start = _forced(bench.on("weighed"), noise, without[0])
             seen = _uncovered(bench.on(rules.weighing), start, rules, library, log)
-        if is_blind and seen is None:
+        against, is_clear = (rules, start), seen is not None and seen.is_clear
+        if is_blind and not is_clear:
             rules, start = _disturbed(bench, noise, without[0], log, library)
-        log.steps, log.base = ([], None) if seen is None else ([seen[1]], seen[0])
+        log.begin_with(seen if is_clear else None)
         base = _grow(bench.on(rules.weighing), start, rules, library, max_steps, log)
+        if seen is not None and not log.steps:  # predictions tell nothing
+            rules, start = against
+            log.begin_with(seen)
+            base = _grow(bench.on(rules.weighing), start, rules, library, max_steps, log)
         if base.taken and rules.regime == "forces" and base.weighed is None:
             return noise, without[0], base
     except SolverError:  # it diverges in the steps with which it is weighed
@@ -215,21 +235,11 @@ def _disturbed(bench: Workbench, noise: Rules, base: Base, log: _Log, library: L
     if not log.tried:
         screened = screen(bench, (), early, candidates(*library, ()), noise.screening, noise.sd)
         ranked = [c for c in screened if not c.why_not]
-    rich = _distinct([step.candidate for step in log.steps] + ranked)[:RICH]
+    rich = distinct([step.candidate for step in log.steps] + ranked)[:RICH]
     bandwidth = best_bandwidth(bench, rich, early, noise.sd)
     fit = bench.fit((), {}, (bandwidth,), noise.sd)
     rules = Rules("disturbances", (bandwidth,), bandwidth, fit.noise_sd, noise.loads)
     return rules, replace(fit_base(bench, (), fit.point, rules), bare=base.bare)
-
-
-def _distinct(ranked: list[Candidate]) -> list[Candidate]:
-    """Leave out those that move the data as one before them does, or rub where one of them does."""
-    found: list[Candidate] = []
-    for candidate in ranked:
-        if any(are_parallel(candidate, other) or is_other_law(candidate, other) for other in found):
-            continue
-        found.append(candidate)
-    return found
 
 
 def _forced(bench: Workbench, noise: Rules, base: Base) -> tuple[Rules, Base]:
@@ -260,8 +270,8 @@ def _is_confirmed(bench: Workbench, log: _Log, start: Base, rules: Rules, librar
     return determined(best.fit) >= determined(own.fit) and best.gain - own.gain < margin
 
 
-def _uncovered(bench: Workbench, start: Base, rules: Rules, library: Library, log: _Log) -> tuple[Base, Step] | None:
-    """Return the model with an effect that noise alone pointed to, if it leaves little to forces.
+def _uncovered(bench: Workbench, start: Base, rules: Rules, library: Library, log: _Log) -> _Uncovered | None:
+    """Return the model with an effect that noise alone pointed to, or with a better one; None if none is accepted.
 
     Where something large and fast is missing, forces take it up whole, and nothing shows against them before it is in.
     """
@@ -277,10 +287,9 @@ def _uncovered(bench: Workbench, start: Base, rules: Rules, library: Library, lo
     base = base_of(bench, start, (), winner, rules)
     assert start.weighed is not None and base.weighed is not None
     before, after = (float(np.linalg.norm(one.forces.sizes)) for one in (start.weighed, base.weighed))
-    if winner.fit.bandwidth[0] > sampling_rate(bench) or after > MOST * before:
-        return None
-    log.tried |= {candidate.insertion.prefix: candidate for candidate in ranked}
-    return base, step_of(winner, residuals(base.fit), ranked)
+    is_clear = winner.fit.bandwidth[0] <= sampling_rate(bench) and after <= MOST * before
+    tried, step = {c.insertion.prefix: c for c in ranked}, step_of(winner, residuals(base.fit), ranked)
+    return _Uncovered(base, step, tried, bool(is_clear))
 
 
 def _grow(

@@ -5,6 +5,7 @@ from dataclasses import replace
 from itertools import product
 
 from cartpend_dae.discover.choice import SAME, are_parallel
+from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.disturbed import is_composite
 from cartpend_dae.discover.records import Candidate
 
@@ -54,6 +55,16 @@ def unlike(ranked: list[Candidate]) -> list[Candidate]:
         n = len(candidate.insertion.parameter_names)
         if not any(len(c.insertion.parameter_names) <= n and are_parallel(c, candidate, SAME) for c in found):
             found.append(candidate)
+    return found
+
+
+def distinct(ranked: list[Candidate]) -> list[Candidate]:
+    """Leave out those that move the data as one before them does, or rub where one of them does."""
+    found: list[Candidate] = []
+    for candidate in ranked:
+        if any(are_parallel(candidate, other) or is_other_law(candidate, other) for other in found):
+            continue
+        found.append(candidate)
     return found
 
 
