@@ -27,7 +27,7 @@ from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.weigh import Weighed
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Insertion
-from cartpend_dae.errors import SolverError
+from cartpend_dae.errors import UNSOLVED
 from cartpend_dae.identify import Fit
 
 # so many other laws are fitted, of those that promise more than this of -2 ln likelihood beside the one found
@@ -63,7 +63,7 @@ def lawful(
             if first is told:
                 continue
             base, found = _instead(bench, base, others, told, first, rules)
-        except SolverError:  # with one of them the model diverges
+        except (*UNSOLVED, np.linalg.LinAlgError):  # with one of them the model diverges, and the one found stands
             continue
         steps = [step_of(found, residuals(base.fit), ranked) if step is old else step for step in steps]
     return base, steps

@@ -95,6 +95,7 @@ def search(
             if base is alone:
                 base, log.steps = settled(bench, base, log.steps, noise)
         if rules.regime in MOVED:
+            log.base = base  # what is interrupted from here on ends with the model of these steps
             base, log.steps = lawful(bench, base, log.steps, rules, noise, library)
     except KeyboardInterrupt:
         log.is_interrupted, base = True, log.base or start
