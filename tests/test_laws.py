@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from test_discovery_choice import bench, plain_fit  # noqa: F401
 
-from cartpend_dae.discover import laws
+from cartpend_dae.discover import iterated, laws
 from cartpend_dae.discover.bases import noise_rules
 from cartpend_dae.discover.choice import step_of
 from cartpend_dae.discover.gate import residuals
@@ -170,6 +170,17 @@ def test_the_law_of_each_contact_is_put_right_and_one_that_diverges_stays(
     after, (step,) = laws.lawful(bench, base, steps, rules, rules, library)
     assert [i.card.id for i in after.taken] == ["stribeck_friction"] == [step.candidate.insertion.card.id]
     assert step.candidate.fit is after.fit and after.bare == base.bare
+
+
+def test_no_law_is_asked_for_again_where_the_runs_are_too_long_to_be_followed(
+    bench, library, rules, law, likelihoods, plain_fit, monkeypatch
+):
+    told = law("coulomb_friction", tau_c=0.2)
+    steps = [step_of(told, residuals(told.fit), [told])]
+    base = Base((told.insertion,), {0.0: told.fit}, 2 * plain_fit.chi2)
+    likelihoods(ALL, {"coulomb_friction": {"stribeck_friction"}})
+    monkeypatch.setattr(iterated, "MOST", sum(len(run.time) for run in bench.setup.train) - 1)
+    assert laws.lawful(bench, base, steps, rules, rules, library) == (base, steps)
 
 
 def test_where_predictions_tell_nothing_what_forces_told_before_stands(bench, rules, law, plain_fit, monkeypatch):

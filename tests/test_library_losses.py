@@ -101,6 +101,18 @@ def test_nothing_of_a_jump_passes_a_sensor_that_lags_at_once_and_on_average_it_c
     assert np.trapezoid(1 - y[10:], times[10:]) == pytest.approx(delay, rel=2e-3)
 
 
+def test_a_sensor_may_come_late_as_it_was():
+    """k = 2 is the Pade approximation: the phase of exp(-T s), 2 atan(w T/2) for w T, and its amplitude, 1."""
+    source, late = s.Sine(amplitude=1.0, f=1.0), signal_errors.SensorDelay(T_d=0.05, k=2.0)
+    model = joined((source.y, late.u), source=source, late=late)
+    times = np.linspace(0.0, 3.0, 3001)
+    w = 2 * np.pi
+    phase = 2 * np.arctan(w * 0.05 / 2)
+    found = simulate(model, times=times, rtol=1e-9)["late.y"]
+    np.testing.assert_allclose(found[1000:], np.sin(w * times - phase)[1000:], atol=1e-5)
+    assert phase == pytest.approx(w * 0.05, rel=0.01)
+
+
 def test_brushes_drop_their_voltage_in_the_moment_in_which_the_current_jumps():
     supply, ground = StepVoltage(V=-3.0, offset=2.0, start_time=0.5), electrical.Ground()
     brushes, resistor = BrushDrop(V_b=0.8, i_b=0.3), electrical.Resistor(R=0.7)

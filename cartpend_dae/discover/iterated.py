@@ -51,6 +51,8 @@ TOGETHER = (0.4, 0.7, 1.0, 1.5)
 REACH = 0.3
 # share of the sampling rate at which the injection may lead the first course
 FAST = 1.6
+# samples of all runs up to which courses are followed: each one takes 2 to 3 ms per sample
+MOST = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +65,11 @@ class _Seen:
     criterion: float
 
 
+def can_follow(bench: Workbench) -> bool:
+    """Return whether the runs are short enough for their likeliest courses to be followed."""
+    return sum(len(run.time) for run in bench.setup.train) <= MOST
+
+
 def refined(
     bench: Workbench,
     taken: tuple[Insertion, ...],
@@ -73,7 +80,7 @@ def refined(
     """Return a fit and its weighing along the likeliest course; None if nothing rubs, or it is not likelier."""
     fit, weighed = found
     rubs = bool(bench.problem(taken).system.frictions.places) or any(is_dry(one.card) for one in taken)
-    if not rubs or not np.any(weighed.forces.sizes):
+    if not rubs or not np.any(weighed.forces.sizes) or not can_follow(bench):
         return None
     acting = tuple(load for load in loads if load.size_names[0] in weighed.forces.names)
     bandwidth = float(fit.bandwidth[0])

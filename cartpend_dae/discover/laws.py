@@ -19,6 +19,7 @@ from cartpend_dae.discover.couple import as_fitted
 from cartpend_dae.discover.disturbed import ALIKE, fitted, polished, reweighed
 from cartpend_dae.discover.evidence import determined
 from cartpend_dae.discover.gate import residuals
+from cartpend_dae.discover.iterated import can_follow
 from cartpend_dae.discover.nested import WAYS, as_plain, holds, shared
 from cartpend_dae.discover.records import Candidate, Step
 from cartpend_dae.discover.screen import candidates, screen
@@ -40,7 +41,7 @@ WORSE = "parts of the data left out are predicted worse with it"
 def lawful(
     bench: Workbench, base: Base, steps: list[Step], rules: Rules, noise: Rules, library: Library
 ) -> tuple[Base, list[Step]]:
-    """Put the likeliest law of its contact in the place of each dry friction found.
+    """Put the likeliest law of its contact in the place of each dry friction found, unless the runs are too long.
 
     Parameters
     ----------
@@ -53,7 +54,7 @@ def lawful(
     library
         What may be added, and where.
     """
-    for old in list(steps):
+    for old in list(steps) if can_follow(bench) else []:
         if not is_dry(old.candidate.insertion.card):
             continue
         others = tuple(i for i in base.taken if i.prefix != old.candidate.insertion.prefix)

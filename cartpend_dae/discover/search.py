@@ -94,7 +94,7 @@ def search(
             rules, start, base = _against_forces(bench, noise, (start, alone), library, max_steps, log)
             if base is alone:
                 base, log.steps = settled(bench, base, log.steps, noise)
-        if rules.regime in MOVED:
+        if rules.regime in MOVED and not predicts:  # else predictions told the law
             log.base = base  # what is interrupted from here on ends with the model of these steps
             base, log.steps = lawful(bench, base, log.steps, rules, noise, library)
     except KeyboardInterrupt:

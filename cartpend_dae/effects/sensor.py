@@ -56,10 +56,10 @@ def sensor_cards() -> tuple[Card, ...]:
         ),
         Card(
             id="sensor_delay",
-            summary="a sensor or filter that lags behind",
+            summary="a sensor or filter that lags behind or comes late",
             insertion="sensor",
             components={None: signal_errors.SensorDelay},
-            parameters=(level("T_d"),),
+            parameters=(level("T_d"), choice("k", (1.0, 2.0))),
             dissipative=False,
             nested_in=(),
             equivalent_to={"input_delay": "a linear model with one sensor, driven from rest"},

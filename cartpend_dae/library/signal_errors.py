@@ -50,18 +50,20 @@ class SensorNonlinearity(Block):
 
 
 class SensorDelay(Block):
-    """Lag of a sensor, y = u - T_d (u - x)/T_f, T_f der(x) = u - x, T_f near T_d.
+    """Lag or dead time of a sensor, y = u - T_d (u - x)/T_f, T_f der(x) = u - x, T_f near T_d/k.
 
-    The lag grows from a floor T_0, so that of a jump nothing passes a delay of twice the floor at once: that is the lag
-    1/(1 + T_d s) of first order. T_d = 0 is none at all.
+    k = 1 is the lag 1/(1 + T_d s) of first order, as of a filter; k = 2 is the Pade approximation of exp(-T_d s), for
+    a value that comes late as it was. The lag grows from a floor T_0, so that from a delay of twice the floor on, less
+    than 1 % of a jump passes the lag at once. T_d = 0 is none at all.
     """
 
     x = var(unit="1", doc="state of the lag")
     T_d: Param = param(unit="s", default=0.0, min=0, doc="delay")
+    k: Param = param(unit="1", default=1.0, min=1, max=2, doc="delay in units of the lag")
     T_0: Param = param(unit="s", default=SHORTEST, min=0, doc="floor of the lag", is_shortest_time=True)
 
     def equations(self) -> Statements:
-        T_f = grown_lag(self.T_d, self.T_0)
+        T_f = grown_lag(self.T_d / self.k, self.T_0)
         yield T_f * der(self.x) == self.u - self.x
         yield initial(self.x == self.u, fixed=False)
         yield self.y == self.u - self.T_d * (self.u - self.x) / T_f
@@ -173,7 +175,8 @@ class InputDelay(Block):
 
     k = 2 is the Pade approximation of exp(-T_d s), for delays of several samples. k = 1 is a lag, for those far shorter
     than one: an input that is held changes after a sample then, and not with it. The lag grows from a floor T_0, so
-    that of a jump nothing passes a delay of twice the floor at once; T_d = 0 is no delay at all. At the start x = b u.
+    that from a delay of twice the floor on, less than 1 % of a jump passes k = 1 at once; T_d = 0 is no delay at all.
+    At the start x = b u.
     """
 
     x = var(unit="1", doc="state of the approximation")
