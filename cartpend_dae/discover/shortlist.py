@@ -35,6 +35,15 @@ def as_well(first: list[Candidate], others: list[Candidate]) -> list[Candidate]:
     return near[:AS_WELL]
 
 
+def equivalents(first: list[Candidate], others: list[Candidate], share: float) -> list[Candidate]:
+    """Return those that may be equivalent to one of the first, and promise a share of the best: fits tell of them."""
+    if not first:
+        return []
+    known = {name for candidate in first for name in candidate.insertion.card.equivalent_to}
+    able = [c for c in others if c.insertion.card.id in known and c.predicted > share * first[0].predicted]
+    return [c for c in able if c not in first]
+
+
 def at_few_places(wide: list[Candidate]) -> tuple[list[Candidate], list[Candidate]]:
     """Return some candidates without effects that do several things at once beyond their best places, and those.
 

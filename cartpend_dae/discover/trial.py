@@ -24,17 +24,19 @@ from cartpend_dae.discover.nested import (
 from cartpend_dae.discover.predicted import trials
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.rescan import rescanned
-from cartpend_dae.discover.screen import promise, screen
+from cartpend_dae.discover.screen import screen
 from cartpend_dae.discover.shape import MOST, is_shape_error
 from cartpend_dae.discover.shortlist import (
     as_well,
     at_few_places,
     best_of_each,
+    equivalents,
     is_simple,
     unlike,
     with_others,
     with_waves,
 )
+from cartpend_dae.discover.stages import HIDDEN, screened_freely, screened_where_it_shows
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.effects import Insertion
@@ -55,8 +57,6 @@ RIVALS = 3
 LAW = 0.1
 # a law that leaves less than so many times what the best one leaves at first may be the wrong one of its contact
 NEAR = 1.5
-# where no effect explains this share of chi2, the injection hides what is missing
-HIDDEN = 0.1
 # predictions below this share of the best one are not fitted
 FAINT = 0.03
 # noise alone: drop of BIC (largest on 90 data sets with nothing missing: 8.6)
@@ -73,14 +73,31 @@ def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
 
 
 def try_in_noise(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]) -> tuple[float, list[Candidate]]:
-    """Do so where noise is all that is left; return also the bandwidth of the stage at which they were screened."""
-    stage, screened = _screened_where_it_shows(bench, base, rules, options)
+    """Do so where noise is all that is left; return also the bandwidth of the stage at which they were screened.
+
+    Where none is accepted, and one promises nearly all of the free simulation, they are screened there as well: the
+    injection is led astray by a sensor that is far too late, and hides it.
+    """
+    stage, screened = screened_where_it_shows(bench, base, rules, options)
+    ranked = _tried(bench, base, rules, stage, screened)
+    if base.taken or stage == bench.last or any(c.fit is not None and not c.why_not for c in ranked[:1]):
+        return stage, ranked
+    freely = screened_freely(bench, base, rules, options)
+    again = _tried(bench, base, rules, bench.last, freely, is_led=False) if freely else []
+    return (bench.last, again) if again and not again[0].why_not else (stage, ranked)
+
+
+def _tried(
+    bench: Workbench, base: Base, rules: Rules, stage: float, screened: list[Candidate], *, is_led: bool = True
+) -> list[Candidate]:
+    """Fit the most promising of those screened at a stage, and judge; what is not led has no injection later either."""
     possible = [c for c in screened if not c.why_not]
     rest = [c for c in screened if c.why_not]
     if not base.taken and not any(_shows(c, base.fits[stage]) for c in possible):
-        return stage, [replace(c, why_not=_promises_little(c, base.fits[stage])) for c in possible] + rest
+        return [replace(c, why_not=_promises_little(c, base.fits[stage])) for c in possible] + rest
     wide = [c for c in possible[:WIDE] if c.predicted > FAINT * possible[0].predicted]
     wide += as_well(wide, possible[WIDE:])
+    wide += equivalents(wide, possible[WIDE:], FAINT)
     wide += [c for c in possible if c not in wide and any(holds(other, c) for other in wide)]
     wide += [c for c in possible if c not in wide and any(holds(c, other) for other in wide)]
     wide, elsewhere = at_few_places(wide)
@@ -105,10 +122,10 @@ def try_in_noise(bench: Workbench, base: Base, rules: Rules, options: list[Inser
     ranked = sorted((c for c in early if not c.why_not), key=lambda c: bic(c.fit) if c.fit else np.inf)
     few = ranked[:MIDDLE] + [c for c in ranked[MIDDLE:] if is_simple(c)][:NARROW]
     rest += [replace(c, fit=None, why_not="others explain more at the first stage") for c in ranked if c not in few]
-    judged = _judged(bench, base, rules, few)
+    judged = _judged(bench, base, rules, few, is_led)
     complete = [c for c in judged if c.fit is not None]
     ranked = rounded_first(ordered_by_bic(bench, complete, base, rules))
-    return stage, with_waves(ranked + [c for c in judged if c.fit is None] + rest, screened)
+    return with_waves(ranked + [c for c in judged if c.fit is None] + rest, screened)
 
 
 def other_laws(best: list[Candidate], others: list[Candidate]) -> list[Candidate]:
@@ -126,42 +143,6 @@ def _explains_most(candidate: Candidate, before: Fit) -> bool:
     """Return whether a candidate leaves little beyond noise of what was left before it, at the stage of that fit."""
     fit = candidate.fit
     return fit is not None and fit.chi2 - fit.n_residuals < MOST * (before.chi2 - fit.n_residuals)
-
-
-def _screened_where_it_shows(
-    bench: Workbench, base: Base, rules: Rules, options: list[Insertion]
-) -> tuple[float, list[Candidate]]:
-    """Screen with the injection of the stage of screening, or with less, or none, where that hides what is missing."""
-    stages = sorted((w for w in base.fits if w <= rules.screening), reverse=True)
-    best, most = (rules.screening, list[Candidate]()), -1.0
-    for stage in in_order(bench, base, rules, options, stages):
-        fit = base.fits[stage]
-        screened = screen(bench, base.taken, fit.point, options, stage, rules.sd)
-        share = max((c.predicted for c in screened if not c.why_not), default=0.0) / fit.chi2
-        if share > most:
-            best, most = (stage, screened), share
-        if share > HIDDEN:
-            break
-    return best
-
-
-def in_order(bench: Workbench, base: Base, rules: Rules, options: list[Insertion], stages: list[float]) -> list[float]:
-    """Put the stages first at which one simulation tells already that something shows, then the one where most does.
-
-    Where nothing shows with injection, the stage that leaves least comes before the free simulation: one simulation
-    does not tell of waves, such as cogging, whose phase is right along what was measured, and lost without injection.
-    """
-    if len(stages) < 2 or not options:
-        return stages
-    shares: dict[float, float] = {}
-    for stage in stages:
-        fit = base.fits[stage]
-        shares[stage] = promise(bench, base.taken, fit.point, options, stage, rules.sd) / fit.chi2
-        if stage > bench.last and shares[stage] > HIDDEN:
-            return [stage, *(other for other in stages if other != stage)]
-    ranked = sorted(stages, key=lambda stage: -shares[stage])
-    led = min(stages[:-1], key=lambda stage: base.fits[stage].chi2)
-    return [led, *(other for other in ranked if other != led)] if ranked[0] == bench.last else ranked
 
 
 def _shows(candidate: Candidate, fit: Fit) -> bool:
@@ -291,13 +272,14 @@ def _far_simpler(enough: Candidate) -> str:
     return f"`{enough.insertion.prefix}` leaves nothing but noise with far fewer parameters"
 
 
-def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate]) -> list[Candidate]:
+def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate], is_led: bool = True) -> list[Candidate]:
     """Fit to the end those with the fewest parameters first; where one leaves noise alone, richer ones need no fit.
 
-    Before that all are fitted with the least injection, where some fall behind for good.
+    Before that all that may be led are fitted with the least injection, where some fall behind for good.
     """
     ahead = min((left_by(c) for c in few), default=np.inf)
-    few = each(bench, few, lambda at, candidate: _nearer(at, base, rules, candidate, ahead), "nearer fit")
+    if is_led:
+        few = each(bench, few, lambda at, candidate: _nearer(at, base, rules, candidate, ahead), "nearer fit")
     found = [c for c in few if c.why_not]
     few = [c for c in few if not c.why_not]
     near = nearest(few, base.fit.n_residuals)
