@@ -174,9 +174,10 @@ def page(every: list[Record], package: str, *, tuning: bool, detail: bool, earli
     lines += [f"Failed: {count} with `{reason}`." for reason, count in failed.most_common()]
     found = [(r, scored(r)) for r in chosen]
     if earlier:
-        before = set(earlier) - {package}
-        others = [r for r in every if r["package"] in before and (r["truth"]["seed"] < REPORTED_FROM) == tuning]
-        lines += target_table(found, [*found, *((r, scored(r)) for r in others)], len(before))
+        before = [name for name in dict.fromkeys(earlier) if name != package]
+        counted_ones = [r for r in every if (r["truth"]["seed"] < REPORTED_FROM) == tuning]
+        of = [[(r, scored(r)) for r in counted_ones if r["package"] == name] for name in before]
+        lines += target_table(found, of)
     return [*lines, *sections(found, detail), *misses(found)]
 
 

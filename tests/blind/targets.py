@@ -1,5 +1,6 @@
 """The targets of the test bed, one row each: what is needed, and what was seen with this package and with all."""
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from statistics import median
 from typing import Any, NamedTuple
@@ -10,6 +11,8 @@ from blind.scorer import Score, wilson
 Found = Sequence[tuple[dict[str, Any], Score]]
 # percent of single effects that must come first, by regime
 NEEDED: dict[Regime, int] = {"noise": 99, "quantised": 97, "noisy": 97, "wrong_start": 97, "disturbed": 93}
+# so many of the newest sets of a cell count in the column of newest ones: the fewest that the targets ask for
+NEWEST, NEWEST_NONE = 2, 20
 
 
 class Target(NamedTuple):
@@ -36,30 +39,50 @@ def targets() -> Iterator[Target]:
     yield Target("wrong name with the verdict `explained`", "none", "open")
 
 
-def target_table(now: Found, every: Found, n_packages: int) -> list[str]:
+def target_table(now: Found, earlier: Sequence[Found]) -> list[str]:
     """Return the lines of the table.
 
     Parameters
     ----------
-    now, every
-        Records and scores of this package, and of it and earlier ones.
-    n_packages
-        How many earlier packages these are.
+    now
+        Records and scores of this package.
+    earlier
+        Those of each earlier package, newest first.
     """
+    every = [entry for found in (now, *earlier) for entry in found]
+    columns = now, newest(every), every
     lines = [
         "",
         "### Targets",
         "",
-        f"The last column adds what {n_packages} earlier packages found in the sets that they were run on.",
+        f"The last column adds what {len(earlier)} earlier packages found in the sets that they were run on. The one",
+        f"before it counts the newest {NEWEST} sets of each regime, rig and what is hidden at which place alone, and",
+        f"the newest {NEWEST_NONE} of each regime and rig with nothing missing, whatever was found by which package.",
         "",
-        "| data sets | | needed | this package | all packages |",
-        "|---|---|---|---|---|",
+        "| data sets | | needed | this package | newest of each | all packages |",
+        "|---|---|---|---|---|---|",
     ]
     for target in targets():
-        cells = " | ".join(measured(target, found) for found in (now, every))
+        cells = " | ".join(measured(target, found) for found in columns)
         regime = f", {target.regime}" if target.regime else ""
         lines.append(f"| {target.kind}{regime} | {target.what} | {target.needed} | {cells} |")
     return lines
+
+
+def newest(every: Found) -> Found:
+    """Return the newest sets of each cell, of records with the newest package first; of one package, of later seeds."""
+    cells: dict[tuple[object, ...], list[tuple[dict[str, Any], Score]]] = defaultdict(list)
+    age: dict[str, int] = {}
+    for entry in every:
+        truth = entry[0]["truth"]
+        age.setdefault(entry[0]["package"], len(age))
+        hidden = tuple(sorted((one["effect"], one["at"]) for one in truth["effects"]))
+        cells[truth["kind"], truth["regime"], truth["rig"], hidden].append(entry)
+    found: list[tuple[dict[str, Any], Score]] = []
+    for (kind, *_), entries in cells.items():
+        entries.sort(key=lambda entry: (age[entry[0]["package"]], -entry[0]["truth"]["seed"]))
+        found += entries[: NEWEST_NONE if kind == "none" else NEWEST]
+    return found
 
 
 def measured(target: Target, found: Found) -> str:
