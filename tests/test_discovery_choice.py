@@ -1,6 +1,7 @@
 """Which of several fitted effects to take, on fits whose figures are made up."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from cartpend_dae.discover.choice import (
     TOUCH,
     beyond_shape,
     contains,
+    least_beyond,
     ordered_by_bic,
     step_beside,
     step_of,
@@ -624,6 +626,31 @@ def test_the_free_simulation_is_asked_where_none_is_accepted_with_injection(
     at, (first, *_) = trials.try_in_noise(bench, base, rules, [])
     assert (at, first.why_not) == (stage, free if stage == 0.0 else led)
     assert trials.try_in_noise(bench, replace(base, taken=(late.insertion,)), rules, [])[0] == 75.0
+
+
+def test_against_forces_those_alone_are_fitted_that_promise_a_good_part_of_what_they_must_gain(
+    monkeypatch, bench, plain_fit, fitted
+):
+    """Beside a friction of another shape each further fit took half a minute, and none could gain enough."""
+    found = [fitted("linear_stiffness", 0.0, 0.0), fitted("sensor_offset", 0.0, 0.0, at="bearing.phi")]
+    screened = [replace(c, predicted=p, fit=None) for c, p in zip(found, (160.0, 140.0), strict=True)]
+    tried = []
+
+    def each(bench, candidates, work, what):
+        tried.extend(names(candidates))
+        return [replace(c, gain=0.0, why_not="it gains nothing") for c in candidates]
+
+    monkeypatch.setattr(trials, "screen", lambda *a, **k: screened)
+    monkeypatch.setattr(trials, "each", each)
+    base = Base((), {0.0: plain_fit}, plain_fit.chi2, weighed=SimpleNamespace())
+    rules = Rules("forces", (0.0,), 0.0, np.array([1e-3]))
+    for least, expected in ((0.0, names(found)), (300.0, names(found[:1])), (400.0, [])):
+        tried.clear()
+        judged = trials.try_all(bench, base, rules, [], least)
+        assert tried == expected and len(judged) == 2
+        assert [c.why_not for c in judged if names([c])[0] not in tried] == ["others promise more"] * (2 - len(tried))
+    step = step_of(replace(found[0], gain=1000.0), residuals(plain_fit), [])
+    assert least_beyond([step]) == 300.0 and least_beyond([]) == 0.0
 
 
 def test_what_may_be_equivalent_to_one_of_the_first_is_fitted_with_it(fitted):

@@ -188,9 +188,14 @@ def second(candidate: Candidate, first: Candidate) -> str:
     return f"`{first.insertion.prefix}` {explains}"
 
 
+def least_beyond(steps: list[Step]) -> float:
+    """Return what a further effect must explain of the likelihood, as the laws of some steps may be wrong by less."""
+    return FORCED * max((step.candidate.gain for step in steps), default=0.0)
+
+
 def beyond_shape(ranked: list[Candidate], steps: list[Step]) -> list[Candidate]:
     """Refuse what explains less of the likelihood than the laws of some steps may be wrong by."""
-    least = FORCED * max((step.candidate.gain for step in steps), default=0.0)
+    least = least_beyond(steps)
     judged = [c if c.why_not or c.gain >= least else replace(c, why_not=SHAPELESS) for c in ranked]
     return sorted(judged, key=lambda c: bool(c.why_not))
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cartpend_dae.discover.bases import Library, base_of, fit_base, noise_alone, noise_rules, place_with_a_future
-from cartpend_dae.discover.choice import SHAPE, beyond_shape, step_of
+from cartpend_dae.discover.choice import SHAPE, beyond_shape, least_beyond, step_of
 from cartpend_dae.discover.couple import couple, plainer, simpler
 from cartpend_dae.discover.disturbed import fitted, polished
 from cartpend_dae.discover.edges import off_edges
@@ -344,7 +344,7 @@ def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _L
         if least is not None:
             raise RattlingError(least)
     else:
-        stage, ranked = 0.0, try_all(bench, base, rules, options)
+        stage, ranked = 0.0, try_all(bench, base, rules, options, least_beyond(log.steps))
     if rules.regime == "forces":
         ranked = beyond_shape(ranked, log.steps)
     log.tried |= {candidate.insertion.prefix: candidate for candidate in ranked}

@@ -63,12 +63,17 @@ FAINT = 0.03
 MIN_BIC_GAIN = 20.0
 
 
-def try_all(bench: Workbench, base: Base, rules: Rules, options: list[Insertion]) -> list[Candidate]:
-    """Screen all, fit the most promising, and judge; the accepted one, if any, comes first."""
+def try_all(
+    bench: Workbench, base: Base, rules: Rules, options: list[Insertion], least: float = 0.0
+) -> list[Candidate]:
+    """Screen all, fit the most promising, and judge; the accepted one, if any, comes first.
+
+    Against random forces those are fitted alone that promise a good part of the `least` that they must gain.
+    """
     if rules.regime == "disturbances":
         return trials(bench, base.taken, base.fit, options, rules.sd)
     if rules.regime == "forces":
-        return weighed_trials(bench, base, rules, options)
+        return weighed_trials(bench, base, rules, options, least=least)
     return try_in_noise(bench, base, rules, options)[1]
 
 
@@ -161,8 +166,9 @@ def weighed_trials(
     options: list[Insertion],
     rivals: tuple[str, ...] = (),
     pointed: tuple[Candidate, ...] = (),
+    least: float = 0.0,
 ) -> list[Candidate]:
-    """Screen all against random forces, fit the most promising, and judge.
+    """Screen all against random forces, fit the most promising of what must gain the `least`, and judge.
 
     Where only `rivals` (prefixes of effects) are to be confirmed, they are fitted with the first few others, each from
     one start; those `pointed` at are fitted from the point of their first fit too, whatever they promise.
@@ -173,7 +179,7 @@ def weighed_trials(
     cost = penalty(len(options))
     possible = [c for c in screened if not c.why_not]
     possible.sort(key=lambda c: len(c.insertion.size_names) * cost - c.predicted)
-    few = unlike([c for c in possible if c.predicted > HALF * cost * len(c.insertion.size_names)])
+    few = unlike([c for c in possible if c.predicted > HALF * max(cost * len(c.insertion.size_names), least)])
     few = few[: RIVALS if rivals else FEW]
     few += [c for c in possible if c not in few and c.insertion.prefix in rivals]
     richer_than = [c for c in few if not rivals or c.insertion.prefix in rivals]

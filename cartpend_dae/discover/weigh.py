@@ -148,8 +148,12 @@ def weigh(
     return Weighed(criterion, criterion, validated, forces, _bandwidth(white.gain[0], chain), sds, found, ahead, trail)
 
 
+@np.errstate(over="ignore")
 def step_of(white: np.ndarray) -> np.ndarray:
-    """Return the step of Gauss and Newton on white rows (n, 1 + n_all), in scaled variables."""
+    """Return the step of Gauss and Newton on white rows (n, 1 + n_all), in scaled variables.
+
+    A variable in which a row grows beyond all numbers stays as it is.
+    """
     scale = np.linalg.norm(white[:, 1:], axis=0)
     scale = np.where(scale > 0, scale, np.inf)
     return np.linalg.lstsq(white[:, 1:] / scale, -white[:, 0], rcond=1e-8)[0] / scale
