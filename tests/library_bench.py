@@ -96,6 +96,12 @@ def cubic_oscillation(m, x0, v0, t, c3):
     return x0 * ellipj(x0 * np.sqrt(c3 / m) * t, 0.5)[1]
 
 
+def quintic_escape(m, x0, v0, t, c5):
+    """Its energy is zero: m v^2/2 = -c5 x^6/6, so that x^-2 falls by the same amount in each second."""
+    assert np.isclose(m * v0**2, -c5 * x0**6 / 3)
+    return x0 / np.sqrt(1 - 2 * v0 / x0 * t)
+
+
 def sliding_to_rest(m, x0, v0, t, f_c):
     t = np.minimum(t, m * abs(v0) / f_c)
     return x0 + v0 * t - np.sign(v0) * f_c / (2 * m) * t**2
@@ -115,6 +121,7 @@ MOTIONS = [
     Motion("LinearStiffness", oscillation, {"c": 50.0}, 0.1, 0.0, spring_energy),
     Motion("LinearStiffness", hyperbolic_escape, {"c": -8.0}, 0.001, 0.002, spring_energy),
     Motion("CubicStiffness", cubic_oscillation, {"c3": 300.0}, 0.4, 0.0, lambda x, c3: c3 / 4 * x**4),
+    Motion("CubicStiffness", quintic_escape, {"c5": -0.06}, 0.4, 0.0064, lambda x, c5: c5 / 6 * x**6),
     Motion("ConstantLoad", thrown_against_load, {"f_0": 1.5}, 0.1, 2.0, lambda x, f_0: f_0 * x),
     Motion("SpringDamper", damped_oscillation, {"c": 50.0, "d": 3.0, "x_rel0": -0.05}, 0.1, -0.4),
     Motion("Damper", exponential_decay, {"d": 3.0}, 0.2, 1.0),

@@ -172,6 +172,18 @@ def test_the_law_of_each_contact_is_put_right_and_one_that_diverges_stays(
     assert step.candidate.fit is after.fit and after.bare == base.bare
 
 
+def test_a_law_that_leaves_far_more_of_the_runs_takes_no_place(bench, library, rules, law, likelihoods, plain_fit):
+    """Against forces that do all that friction would, each of its laws is as likely (measured pendulum of the DFKI)."""
+    told = law("coulomb_friction", tau_c=0.2)
+    steps = [step_of(told, residuals(told.fit), [told])]
+    likelihoods(ALL, {"coulomb_friction": {"stribeck_friction"}})
+    after, _ = laws.lawful(bench, Base((told.insertion,), {0.0: told.fit}, 1.0), steps, rules, rules, library)
+    for share, stands in ((0.6, False), (0.4, True)):
+        base = Base((told.insertion,), {0.0: replace(told.fit, chi2=share * after.fit.chi2)}, 2 * plain_fit.chi2)
+        found = laws.lawful(bench, base, steps, rules, rules, library)
+        assert (found == (base, steps)) is stands
+
+
 def test_no_law_is_asked_for_again_where_the_runs_are_too_long_to_be_followed(
     bench, library, rules, law, likelihoods, plain_fit, monkeypatch
 ):

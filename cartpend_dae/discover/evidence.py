@@ -11,6 +11,8 @@ from cartpend_dae.shooting import Linearisation
 BLOCKS = 30
 # blocks of all runs together where what is left is compared
 LONG = 10
+# a fit that leaves more than so many times what another one does is far behind, in however many blocks
+FAR_LESS = 2.0
 # correlation of two parameters above which the variance of each is a hundred times what it were without the other
 ONE = 0.995
 
@@ -103,6 +105,14 @@ def lead(one: Fit, other: Fit) -> float:
     ]
     less = np.array(left[1]) - np.array(left[0])
     return float(less.mean() / max(less.std(ddof=1) / np.sqrt(less.size), 1e-300))
+
+
+def leaves_far_less(one: Fit, other: Fit) -> bool:
+    """Return whether one fit leaves far less than another of the same runs, at the same bandwidth.
+
+    Where a few blocks of time have most of it, their spread would hide that from `lead`.
+    """
+    return FAR_LESS * one.chi2 < other.chi2
 
 
 def robust(fit: Fit, linear: Linearisation) -> Robust:

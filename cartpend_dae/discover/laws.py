@@ -17,7 +17,7 @@ from cartpend_dae.discover.choice import step_of
 from cartpend_dae.discover.contact import is_dry, is_other_law
 from cartpend_dae.discover.couple import as_fitted
 from cartpend_dae.discover.disturbed import ALIKE, fitted, polished, reweighed
-from cartpend_dae.discover.evidence import determined
+from cartpend_dae.discover.evidence import determined, leaves_far_less
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.iterated import can_follow
 from cartpend_dae.discover.nested import WAYS, as_plain, holds, shared
@@ -63,7 +63,10 @@ def lawful(
             first, ranked = likeliest_law(weighing, others, told, candidates(*library, others), noise)
             if first is told:
                 continue
-            base, found = _instead(bench, base, others, told, first, rules)
+            after, found = _instead(bench, base, others, told, first, rules)
+            if rules.regime != "forces" and leaves_far_less(base.fit, after.fit):
+                continue  # forces do all that friction would, and tell none of its laws
+            base = after
         except (*UNSOLVED, np.linalg.LinAlgError):  # with one of them the model diverges, and the one found stands
             continue
         steps = [step_of(found, residuals(base.fit), ranked) if step is old else step for step in steps]

@@ -9,7 +9,7 @@ from cartpend_dae.discover.choice import SHAPE, beyond_shape, least_beyond, step
 from cartpend_dae.discover.couple import couple, plainer, simpler
 from cartpend_dae.discover.disturbed import fitted, polished
 from cartpend_dae.discover.edges import off_edges
-from cartpend_dae.discover.evidence import determined, lead, with_robust_sd
+from cartpend_dae.discover.evidence import determined, lead, leaves_far_less, with_robust_sd
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.laws import lawful
 from cartpend_dae.discover.mirror import mirrored
@@ -223,7 +223,7 @@ def _explains_less(bench: Workbench, base: Base, first: Candidate, noise: Rules)
         found = bench.fit(base.taken, base.fit.point, (bench.last,), noise.sd, patient=False)
     except SolverError:
         return True
-    return lead(alone, found) > CLEARLY
+    return leaves_far_less(alone, found) or lead(alone, found) > CLEARLY
 
 
 def _disturbed(bench: Workbench, noise: Rules, base: Base, log: _Log, library: Library) -> tuple[Rules, Base]:

@@ -324,14 +324,16 @@ class QuadraticDrag(CompliantWithSpeed):
 
 
 class CubicStiffness(Compliant):
-    """Cubic stiffness, tau = c3 (phi_rel - phi_rel0)^3; negative softens a spring beside it."""
+    """Cubic and quintic stiffness, tau = c3 x^3 + c5 x^5, x = phi_rel - phi_rel0; negative softens a spring."""
 
     c3: Param = param(unit="N.m/rad3", default=0.0, doc="cubic stiffness")
+    c5: Param = param(unit="N.m/rad5", default=0.0, doc="quintic stiffness")
     phi_rel0: Param = param(unit="rad", default=0.0, doc="where it is at rest")
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.tau == self.c3 * (self.phi_rel - self.phi_rel0) ** 3
+        x = self.phi_rel - self.phi_rel0
+        yield self.tau == (self.c3 + self.c5 * x**2) * x**3
 
 
 class LinearStiffness(Compliant):

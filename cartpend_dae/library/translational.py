@@ -267,14 +267,16 @@ class QuadraticDrag(CompliantWithSpeed):
 
 
 class CubicStiffness(Compliant):
-    """Cubic stiffness, f = c3 (s_rel - s_rel0)^3; negative softens a spring beside it."""
+    """Cubic and quintic stiffness, f = c3 x^3 + c5 x^5, x = s_rel - s_rel0; negative softens a spring."""
 
     c3: Param = param(unit="N/m3", default=0.0, doc="cubic stiffness")
+    c5: Param = param(unit="N/m5", default=0.0, doc="quintic stiffness")
     s_rel0: Param = param(unit="m", default=0.0, doc="where it is at rest")
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.f == self.c3 * (self.s_rel - self.s_rel0) ** 3
+        x = self.s_rel - self.s_rel0
+        yield self.f == (self.c3 + self.c5 * x**2) * x**3
 
 
 class LinearStiffness(Compliant):
