@@ -166,6 +166,7 @@ ONE = {"outputs": ("encoder.s",)}
 ENCODERS = {"outputs": ("encoder.s", "bearing.phi")}
 # the situation that each card states: {effect: {other: (kind, rig, own and its parameters, other and its, options)}},
 # where a parameter has its weight; shapes that differ from their first start stand beside
+SMALL_FORCES = {"shapes": {"f_p": 1e3}, "others": {"n": 0.0}}
 SAME = {
     ("coulomb_friction", "dahl_friction"): (R, PENDULUM, {"tau_c": 1}, {"tau_c": 1}, {}),
     ("dahl_friction", "coulomb_friction"): (R, PENDULUM, {"tau_c": 1}, {"tau_c": 1}, {}),
@@ -181,7 +182,7 @@ SAME = {
     ("constant_load", "imbalance"): (R, SMALL, {"tau_0": 1}, {"tau_cos": 1}, {}),
     ("bearing_torsion", "linear_stiffness"): (R, PENDULUM, {"c": 1}, {"c": 1}, {}),
     ("cable_drag", "linear_stiffness"): (T, SPRINGS, {"c": 1}, {"c": 1}, {}),
-    ("chain_tension_friction", "compliance"): (T, DRIVEN, {"h": 1}, {"h": 1}, {"shapes": {"f_p": 1e3}}),
+    ("chain_tension_friction", "compliance"): (T, DRIVEN, {"h": 1}, {"h": 1}, SMALL_FORCES),
     ("constant_load", "input_offset"): ((T, None), DRIVEN, {"f_0": 1}, {"u_0": 1}, ENCODERS),
     ("input_offset", "constant_load"): ((None, T), DRIVEN, {"u_0": 1}, {"f_0": 1}, ENCODERS),
     ("constant_load", "sensor_offset"): ((T, None), SPRINGS, {"f_0": 1}, {"y_0": 1}, REST),
@@ -222,14 +223,14 @@ def test_what_a_card_calls_equivalent_cannot_be_told_apart(pair):
     """The sensitivities of the outputs to the two, after the free starts, have the same direction."""
     kinds, rig, *weights, options = SAME[pair]
     kinds = kinds if isinstance(kinds, tuple) else (kinds, kinds)
-    shapes = options.get("shapes", {})
+    shapes, others = options.get("shapes", {}), options.get("others", {})
     effects = options.get("own", pair[0]), pair[1]
     own, other = (inserted_at(rig, effect, kind) for effect, kind in zip(effects, kinds, strict=True))
     if pair[0] == "current_sensor_error":
         other = replace(other, place=replace(other.place, at="motor.i"))
-    model = insert(insert(rig.model(), own.card, own.place, **shapes), other.card, other.place)
+    model = insert(insert(rig.model(), own.card, own.place, **shapes), other.card, other.place, **others)
     names = [[f"{found.prefix}.{name}" for name in w] for found, w in zip((own, other), weights, strict=True)]
-    options = {key: value for key, value in options.items() if key not in ("shapes", "own")}
+    options = {key: value for key, value in options.items() if key not in ("shapes", "others", "own")}
     both = [*names[0], *names[1]]
     gram, found = columns(rig, (own, other), model, both, **options)
     mix = np.zeros((2, len(found)))

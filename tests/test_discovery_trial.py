@@ -8,11 +8,12 @@ import pytest
 from test_discovery_choice import bench, fitted, names, noise, plain_fit  # noqa: F401
 
 from cartpend_dae.discover.bases import noise_alone, noise_rules
-from cartpend_dae.discover.nested import PEAKS, PUSHES, WIDTHS, with_gaps, with_peaks
+from cartpend_dae.discover.nested import FARTHER, PEAKS, PUSHES, WIDTHS, with_cutoffs, with_gaps, with_peaks
 from cartpend_dae.discover.search import _Log
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import NEAR, other_laws
 from cartpend_dae.effects import insertion_at, places
+from cartpend_dae.effects.card import SPAN
 from models.linear_damp_mod import LinearDampMod
 from models.rota_damp import RotaDamp
 
@@ -71,6 +72,21 @@ def test_a_peak_that_is_at_rest_alone_is_tried_at_several_heights():
     assert points[0] == point and [one[peak] / one[level] for one in points[1:]] == [*map(pytest.approx, PEAKS)]
     assert all(one["bearing.d"] == 0.02 for one in points)
     assert with_peaks(stribeck, stribeck.starts) == [stribeck.starts]
+
+
+def test_a_law_with_a_frequency_of_its_own_is_tried_with_a_lower_and_a_higher_one():
+    """A chain that hardens was fitted with 60 rad/s, which left five times what 370 rad/s did."""
+    chain = insertion_at(LinearDampMod(), "compliance", "inertial.flange_b")
+    size, cutoff, damping, hardening = chain.parameter_names
+    point = {"rail.d": 30.0, size: 2e-4, cutoff: 60.0, damping: 0.1, hardening: 0.1}
+    points = with_cutoffs(chain, point)
+    assert [one[cutoff] for one in points] == [pytest.approx(60.0 * ratio) for ratio in FARTHER]
+    assert all(one | {cutoff: 60.0} == point for one in points)
+    low, high = 200.0 / SPAN, 200.0 * SPAN
+    assert [one[cutoff] for one in with_cutoffs(chain, point | {cutoff: low})] == [pytest.approx(5.0 * low)]
+    assert [one[cutoff] for one in with_cutoffs(chain, point | {cutoff: high})] == [pytest.approx(0.2 * high)]
+    gap = insertion_at(LinearDampMod(), "backlash", "inertial.flange_b")
+    assert with_cutoffs(gap, gap.starts) == []
 
 
 def test_a_gap_is_tried_with_other_widths_and_flanks():

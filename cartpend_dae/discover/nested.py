@@ -23,6 +23,8 @@ RATIO = "r_s"
 PEAKS = (PEAK, 1.6, 2.0, 2.5)
 # a gap that is not passed in the order of the data is tried at these multiples of its width, and of its shape
 WIDTHS, PUSHES = (0.7, 1.0, 1.4, 2.0), (0.6, 1.5)
+# ... and a law with a frequency of its own, whose parameter ends so, at these multiples of it
+CUTOFF, FARTHER = ".w_c", (0.2, 5.0)
 # a law that leaves so many times more than a richer one starts from that
 MUCH = 2.0
 # ends of names of a parameter each way
@@ -158,6 +160,22 @@ def with_gaps(insertion: Insertion, point: Mapping[str, float]) -> list[dict[str
         if sizes
     ]
     return [dict(point), *(dict(point) | other for other in others)]
+
+
+def with_cutoffs(insertion: Insertion, point: Mapping[str, float]) -> list[dict[str, float]]:
+    """Return other points of a law with a frequency of its own: that frequency far lower and far higher.
+
+    Which of its swings are those of the record changes with it, so that a fit stays near where it began.
+    """
+    kind = insertion.place.kind
+    found: list[dict[str, float]] = []
+    for item in insertion.parameters:
+        name = f"{insertion.prefix}.{item.names[kind]}"
+        if item.role == "shape" and name.endswith(CUTOFF):
+            low, high = item.bounds_at(kind)
+            others = {min(max(ratio * point[name], low), high) for ratio in FARTHER}
+            found += [dict(point) | {name: value} for value in sorted(others - {point[name]})]
+    return found
 
 
 def contradicts(candidate: Candidate) -> bool:

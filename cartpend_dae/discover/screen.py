@@ -193,16 +193,11 @@ def _probed(at: "_At", pairs: list["_Judged"]) -> list[Candidate]:
     """Try effects in series at sizes that move the data as much as what is left, if no straight line explains half.
 
     What gives way resonates: with its size the response grows, and then turns, which no slope at size 0 tells. What
-    swings beside it tells it, and is no reason not to try. Each effect is tried from the start that promises most.
+    swings beside it tells it, and is no reason not to try. Each effect is tried from each of its starts.
     """
     found = [c for c, _ in pairs]
     able = [(c, columns) for c, columns in pairs if c.insertion.card.insertion == "series" and len(columns) == 1]
-    tried: dict[str, _Judged] = {}
-    for pair in able:
-        prefix = pair[0].insertion.prefix
-        if prefix not in tried or pair[0].predicted > tried[prefix][0].predicted:
-            tried[prefix] = pair
-    if not tried:
+    if not able:
         return found
     try:
         base = at.alone(able[0][0].insertion)
@@ -212,9 +207,8 @@ def _probed(at: "_At", pairs: list["_Judged"]) -> list[Candidate]:
     plain = (c.predicted for c in found if not c.why_not and not c.insertion.card.resonates)
     if max(plain, default=0.0) > ENOUGH * whole:
         return found
-    probed = list(tried.values())
-    better = in_parallel(lambda pair: _at_sizes(at, pair, whole), probed, jobs=at.bench.jobs)
-    instead = dict(zip((id(c) for c, _ in probed), better, strict=True))
+    better = in_parallel(lambda pair: _at_sizes(at, pair, whole), able, jobs=at.bench.jobs)
+    instead = dict(zip((id(c) for c, _ in able), better, strict=True))
     return [instead.get(id(candidate), candidate) for candidate in found]
 
 

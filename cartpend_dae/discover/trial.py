@@ -18,6 +18,7 @@ from cartpend_dae.discover.nested import (
     own,
     restarted,
     simplified,
+    with_cutoffs,
     with_gaps,
     with_peaks,
 )
@@ -324,6 +325,7 @@ def _nearer(bench: Workbench, base: Base, rules: Rules, candidate: Candidate, ah
     points = with_peaks(candidate.insertion, candidate.fit.point)
     if left_by(candidate) < MUCH * ahead and not _is_clean(candidate):
         points += with_gaps(candidate.insertion, candidate.fit.point)[1:]
+        points += with_cutoffs(candidate.insertion, candidate.fit.point)
     # a free simulation may drift off at first; predictions do not
     least = bench.last or min(w for w in rules.stages if w > 0)
     fits = [

@@ -133,10 +133,15 @@ def elastic_cards() -> tuple[Card, ...]:
         ),
         Card(
             id="compliance",
-            summary="a shaft, chain or coupling that gives way",
+            summary="a shaft, chain or coupling that gives way, the less the more it carries",
             insertion="series",
             components={R: rotational_links.Compliance, T: translational_links.Compliance},
-            parameters=(level("h"), shape("w_c", (200.0,)), shape("D", (0.2,), lower=0.0, upper=5.0)),
+            parameters=(
+                level("h"),
+                shape("w_c", (200.0,)),
+                shape("D", (0.2,), lower=0.0, upper=5.0),
+                shape("n", (0.0, 1.0), ("n", (0.0, 0.05)), lower=0.0),
+            ),
             dissipative=False,
             nested_in=("chain_tension_friction",),
             equivalent_to={},

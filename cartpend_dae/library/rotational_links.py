@@ -33,17 +33,21 @@ class Link(Component):
 
 
 class Compliance(Link):
-    """Compliance of a shaft, q = h y, der(der(y)) = w_c^2 (tau - y) - 2 D w_c der(y): c = 1/h below w_c."""
+    """Compliance of a shaft, q = h y (1 + (n y)^2)^(-1/3), der(der(y)) = w_c^2 (tau - y) - 2 D w_c der(y).
+
+    Below w_c its stiffness is 1/h at small loads; at large ones, against 1/n, it hardens until y grows with q^3.
+    """
 
     y = var(unit="N.m", doc="torque that the spring has")
     yd = var(unit="N.m/s", doc="derivative of y")
     h: Param = param(unit="rad/(N.m)", default=0.0, min=0, doc="compliance, 1/c")
     w_c: Param = param(unit="rad/s", default=200.0, min=0, doc="cut-off, above which it is rigid")
     D: Param = param(unit="1", default=0.2, min=0, doc="damping ratio at w_c")
+    n: Param = param(unit="1/(N.m)", default=0.0, min=0, doc="hardening, 1 over the load where it shows")
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.q == self.h * self.y
+        yield self.q == self.h * self.y * (1 + (self.n * self.y) ** 2) ** (-1 / 3)
         yield self.yd == der(self.y)
         yield initial(self.y == 0, fixed=False)
         yield der(self.yd) == self.w_c * (self.w_c * (self.tau - self.y) - 2 * self.D * self.yd)
