@@ -5,10 +5,13 @@ from outside, so that every effect is exactly absent where its level is 0, and l
 """
 
 import casadi as ca
+import numpy as np
 
 # shortest time of a memory [s]: at 5 rad/s it changes nothing where the presliding angle is above 2.5 mrad, and steps
 # of 1 ms can follow it
 SHORTEST = 0.0005
+# a share of the load where a spring hardens that changes nothing
+SLIGHT = 1e-3
 
 
 def stribeck_level(v: ca.SX, level: ca.SX, peak: ca.SX, v_s: ca.SX) -> ca.SX:
@@ -30,6 +33,16 @@ def grown_lag(lag: ca.SX, floor: ca.SX) -> ca.SX:
     """Return a lag [s] that grows from a floor where it is nothing, and is itself to 0.3 % from twice the floor on."""
     r = lag / floor
     return floor * ca.sqrt(r**2 + ca.exp(-(r**2)))
+
+
+def hardened(load: ca.SX) -> ca.SX:
+    """Return by which factor a spring that hardens gives way less under a load, 1 without one and to 1e-6 near it.
+
+    The load is y(u) = u + u^3, that of a linear and a cubic spring over the load where both have the same; the factor
+    is u/y, by Cardano's formula.
+    """
+    y = ca.sqrt(load**2 + SLIGHT**2)
+    return 2 / (np.sqrt(3) * y) * ca.sinh(ca.asinh(1.5 * np.sqrt(3) * y) / 3)
 
 
 def not_negative(level: ca.SX) -> ca.SX:

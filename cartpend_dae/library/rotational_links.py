@@ -14,7 +14,7 @@ otherwise it starts at ease, in the middle of a gap.
 import casadi as ca
 
 from cartpend_dae.language import Component, Param, Statements, der, dry_friction, initial, param, port, var
-from cartpend_dae.library.laws import SHORTEST, beyond
+from cartpend_dae.library.laws import SHORTEST, beyond, hardened
 from cartpend_dae.library.rotational import Flange
 
 
@@ -33,9 +33,9 @@ class Link(Component):
 
 
 class Compliance(Link):
-    """Compliance of a shaft, q = h y (1 + (n y)^2)^(-1/3), der(der(y)) = w_c^2 (tau - y) - 2 D w_c der(y).
+    """Compliance of a shaft, y = q/h (1 + (n q/h)^2), der(der(y)) = w_c^2 (tau - y) - 2 D w_c der(y).
 
-    Below w_c its stiffness is 1/h at small loads; at large ones, against 1/n, it hardens until y grows with q^3.
+    Below w_c it is a spring of stiffness 1/h that hardens with the cube of its stretch from loads of about 1/n on.
     """
 
     y = var(unit="N.m", doc="torque that the spring has")
@@ -47,7 +47,7 @@ class Compliance(Link):
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.q == self.h * self.y * (1 + (self.n * self.y) ** 2) ** (-1 / 3)
+        yield self.q == self.h * self.y * hardened(self.n * self.y)
         yield self.yd == der(self.y)
         yield initial(self.y == 0, fixed=False)
         yield der(self.yd) == self.w_c * (self.w_c * (self.tau - self.y) - 2 * self.D * self.yd)
