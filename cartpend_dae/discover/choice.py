@@ -7,7 +7,7 @@ import numpy as np
 from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.disturbed import ALIKE as ALIKE_WEIGHED
 from cartpend_dae.discover.disturbed import fitted, is_composite
-from cartpend_dae.discover.evidence import determined, peaks_alone
+from cartpend_dae.discover.evidence import described, peaks_alone
 from cartpend_dae.discover.gate import is_clean, residuals
 from cartpend_dae.discover.records import Candidate, Gate, Step
 from cartpend_dae.discover.state import Base, Rules
@@ -72,7 +72,7 @@ def ordered_by_bic(bench: Workbench, judged: list[Candidate], base: Base, rules:
 
 def _numbers(candidate: Candidate) -> int:
     """Return how many numbers a fit has; the height of a peak at rest alone is tried, and all in a range are alike."""
-    return determined(candidate.fit) - len(peaks_alone(candidate.insertion))
+    return described(candidate.fit, candidate.insertion) - len(peaks_alone(candidate.insertion))
 
 
 def _is_determined(candidate: Candidate) -> bool:
@@ -94,9 +94,7 @@ def rounded_first(ranked: list[Candidate]) -> list[Candidate]:
         return ranked
     good = [c for c in ranked if not c.why_not]
     tied = [c for c in fitted_ones if c.gain > 0 and (c in good or c.why_not == second(c, ranked[0]))]
-    plain = min(
-        (c for c in tied if contains(best, c, ranked)), key=lambda c: len(c.insertion.parameter_names), default=None
-    )
+    plain = min((c for c in tied if contains(best, c, ranked)), key=lambda c: c.insertion.complexity, default=None)
     if plain is None or any(c.gain > plain.gain and not is_other_law(c, plain) for c in tied):
         return ranked
     others = [replace(c, why_not=c.why_not or ROUNDED.format(plain.insertion.prefix)) for c in ranked if c is not plain]
@@ -113,9 +111,9 @@ def _does_several_at_once(candidate: Candidate) -> bool:
 
 def _plainest(tied: list[Candidate]) -> list[Candidate]:
     """Leave out laws of more parameters, some of which end on their bounds, that explain no more than one of fewer."""
-    least = min(len(c.insertion.parameter_names) for c in tied)
-    plain = max(c.gain for c in tied if len(c.insertion.parameter_names) == least)
-    return [c for c in tied if len(c.insertion.parameter_names) == least or c.gain > plain + NEAR]
+    least = min(c.insertion.complexity for c in tied)
+    plain = max(c.gain for c in tied if c.insertion.complexity == least)
+    return [c for c in tied if c.insertion.complexity == least or c.gain > plain + NEAR]
 
 
 def _margin(candidate: Candidate, best: Candidate) -> float:

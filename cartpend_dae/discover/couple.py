@@ -13,7 +13,7 @@ from cartpend_dae.discover.bases import base_of, followed
 from cartpend_dae.discover.choice import ALIKE, NEAR, SHAPE, SIMPLER, TOUCH, contains, step_beside, step_of
 from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.disturbed import is_composite
-from cartpend_dae.discover.evidence import bic, cancelled
+from cartpend_dae.discover.evidence import bic, cancelled, plain_bic
 from cartpend_dae.discover.gate import is_clean, is_noise_alone, residuals
 from cartpend_dae.discover.nearest import left_early
 from cartpend_dae.discover.nested import as_plain, holds, shared
@@ -87,7 +87,7 @@ def _whole(
 
     Where one effect does so `alone`, couples need no more parameters, and leave hardly more at each stage.
     """
-    most = np.inf if alone is None else len(alone.insertion.parameter_names)
+    most = np.inf if alone is None else alone.insertion.complexity
     for pair in few:
         for part in (pair.one, pair.other):
             bench.expect({name: pair.parameters[name] for name in part.insertion.parameter_names})
@@ -243,7 +243,7 @@ def _instead(
     if not is_composite(best.insertion):
         cases = [c for c in ranked if c.early is not None and _is_case(c, best, ranked)]
         few, lower = beside(bench, base, rules, options, cases, stage)
-    return [pair for pair in few if pair.n_parameters <= len(best.insertion.parameter_names)], lower
+    return [pair for pair in few if pair.n_parameters <= best.insertion.complexity], lower
 
 
 def _is_case(part: Candidate, rich: Candidate, ranked: list[Candidate]) -> bool:
@@ -256,7 +256,7 @@ def _is_better(both: Couple, best: Candidate | None) -> bool:
         return True
     assert both.fit is not None
     gain = bic(best.fit) - bic(both.fit)
-    if both.n_parameters < len(best.insertion.parameter_names) and (is_composite(best.insertion) or gain > ALIKE):
+    if both.n_parameters < best.insertion.complexity and (is_composite(best.insertion) or gain > ALIKE):
         return True
     return gain > MIN_BIC_GAIN
 
@@ -280,7 +280,7 @@ def simpler(
             for one in plain
             if other.fit is not None
         ]
-        few = [pair for pair in couples if pair.n_parameters <= len(rich.insertion.parameter_names)]
+        few = [pair for pair in couples if pair.n_parameters <= rich.insertion.complexity]
         if not few:
             continue
         without = followed(bench, taken, base.fit.point, rules, base.bare)
@@ -338,7 +338,7 @@ def _fitted(
     fits = kept(bench, "couple", depends, attempt, couples)
     found = [replace(pair, fit=fit) for pair, fit in zip(couples, fits, strict=True) if fit is not None]
     found = [pair for pair in found if pair.fit is not None and np.isfinite(pair.fit.chi2)]
-    return sorted(found, key=lambda pair: bic(pair.fit) if pair.fit else np.inf)
+    return sorted(found, key=lambda pair: plain_bic(pair.fit, pair.one.insertion, pair.other.insertion))
 
 
 def _made(
@@ -357,7 +357,7 @@ def _made(
     if cancelled(fit, parts[0].insertion, (*base.taken, parts[1].insertion)):
         return None
     lone = [c for c in ranked if c.fit is not None and not c.why_not]
-    is_plain = bool(lone) and both.n_parameters <= len(lone[0].insertion.parameter_names)
+    is_plain = bool(lone) and both.n_parameters <= lone[0].insertion.complexity
     done: list[Candidate] = []
     alone: list[Candidate] = []
     for part, rest in (parts, parts[::-1]):

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from cartpend_dae.discover.contact import is_other_law
-from cartpend_dae.discover.evidence import determined
+from cartpend_dae.discover.evidence import described
 from cartpend_dae.discover.iterated import refined
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.slopes import basis_of
@@ -353,5 +353,5 @@ def ordered(judged: list[Candidate], second: Callable[[Candidate, Candidate], st
         return found
     alike = [c for c in good if good[0].gain - c.gain < margin_of(good[0], c)]
     alike = [c for c in alike if not is_composite(c.insertion)] or alike
-    first = min(alike, key=lambda c: (determined(c.fit), -c.gain))
+    first = min(alike, key=lambda c: (described(c.fit, c.insertion), -c.gain))
     return [first, *(replace(c, why_not=c.why_not or second(c, first)) for c in found if c is not first)]

@@ -48,6 +48,11 @@ def determined(fit: Fit | None) -> int:
     return 0 if fit is None else len(fit.parameters) - len(fit.blind)
 
 
+def described(fit: Fit | None, insertion: Insertion) -> int:
+    """Return how many numbers describe a fit as the law of an effect that is last in it: without its corrections."""
+    return determined(fit) - (0 if fit is None else len(set(insertion.corrections) - set(fit.blind)))
+
+
 def bic(fit: Fit) -> float:
     """Return the Bayesian information criterion of a fit, with the noise estimated from it.
 
@@ -58,6 +63,15 @@ def bic(fit: Fit) -> float:
     n = fit.n_residuals
     free = sum(estimate.status != "at-bound" for estimate in (*fit.parameters, *fit.starts))
     return float(n * np.log(fit.chi2 / n) + free * np.log(n))
+
+
+def plain_bic(fit: Fit | None, *insertions: Insertion) -> float:
+    """Return BIC of a fit in which corrections of its laws have no price; infinite without a fit."""
+    if fit is None:
+        return np.inf
+    at_bound = {estimate.name for estimate in fit.parameters if estimate.status == "at-bound"}
+    free = [name for insertion in insertions for name in insertion.corrections if name not in at_bound]
+    return bic(fit) - len(free) * float(np.log(fit.n_residuals))
 
 
 def coloured_bic(fit: Fit) -> float:

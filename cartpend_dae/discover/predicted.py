@@ -112,7 +112,7 @@ def _ordered(judged: list[Candidate]) -> list[Candidate]:
     if not good:
         return judged
     alike = [c for c in good if good[0].gain - c.gain < ALIKE]
-    first = min(alike, key=lambda c: (len(c.insertion.parameter_names), -c.gain))
+    first = min(alike, key=lambda c: (c.insertion.complexity, -c.gain))
     others = [replace(c, why_not=c.why_not or _second(c, first)) for c in judged if c is not first]
     return [first, *others]
 

@@ -49,7 +49,7 @@ class Couple:
     @property
     def n_parameters(self) -> int:
         """Number of parameters of both effects."""
-        return len(self.one.insertion.parameter_names) + len(self.other.insertion.parameter_names)
+        return self.one.insertion.complexity + self.other.insertion.complexity
 
 
 def may_be_two(base: Base, rules: Rules, stage: float, last: float) -> bool:
@@ -66,7 +66,7 @@ def promising(ranked: list[Candidate]) -> list[Couple]:
     """Return the couples that promise most, each parameter at its price of BIC; a plain law stands for richer ones."""
     able = [c for c in ranked if c.response is not None and c.predicted > 0 and not is_composite(c.insertion)]
     able = [c for c in each_wave(_plain(able)) if c.response is not None]
-    able.sort(key=lambda c: (len(c.insertion.parameter_names), -c.predicted))
+    able.sort(key=lambda c: (c.insertion.complexity, -c.predicted))
     able = [c for k, c in enumerate(able) if not any(_is_twin(c, d) for d in able[:k])]
     if len(able) < 2:
         return []
@@ -127,7 +127,7 @@ def _strong(base: Base, ranked: list[Candidate], stage: float) -> list[Candidate
         cases = [
             d for d in able if contains(c, d, ranked) and _explains(d, base, stage) > PLAIN * _explains(c, base, stage)
         ]
-        first = min(cases, key=lambda d: (len(d.insertion.parameter_names), d.early), default=c)
+        first = min(cases, key=lambda d: (d.insertion.complexity, d.early), default=c)
         if not any(first is d or is_other_law(first, d) for d in strong):
             strong.append(first)
     most = max((_explains(c, base, stage) for c in strong), default=0.0)

@@ -138,7 +138,7 @@ def _is_shapeless(
 
 
 def _size(candidate: Candidate) -> int:
-    return len(candidate.insertion.parameter_names)
+    return candidate.insertion.complexity
 
 
 def each_matters(bench: Workbench, base: Base, steps: list[Step], rules: Rules) -> bool:

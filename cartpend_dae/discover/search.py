@@ -9,7 +9,7 @@ from cartpend_dae.discover.choice import SHAPE, beyond_shape, least_beyond, step
 from cartpend_dae.discover.couple import couple, plainer, simpler
 from cartpend_dae.discover.disturbed import fitted, polished
 from cartpend_dae.discover.edges import off_edges
-from cartpend_dae.discover.evidence import determined, lead, leaves_far_less, with_robust_sd
+from cartpend_dae.discover.evidence import described, lead, leaves_far_less, with_robust_sd
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.laws import lawful
 from cartpend_dae.discover.mirror import mirrored
@@ -268,7 +268,8 @@ def _is_confirmed(bench: Workbench, log: _Log, start: Base, rules: Rules, librar
     if best is own or best.why_not:
         return True
     margin = lead_needed(best, told, log.tried.get(best.insertion.prefix))
-    return determined(best.fit) >= determined(own.fit) and best.gain - own.gain < margin
+    n_best, n_own = (described(c.fit, c.insertion) for c in (best, own))
+    return n_best >= n_own and best.gain - own.gain < margin
 
 
 def _uncovered(bench: Workbench, start: Base, rules: Rules, library: Library, log: _Log) -> _Uncovered | None:

@@ -20,7 +20,7 @@ PLACES = 2
 
 def is_simple(candidate: Candidate) -> bool:
     """Return whether an effect has one parameter."""
-    return len(candidate.insertion.parameter_names) == 1
+    return candidate.insertion.complexity == 1
 
 
 def as_well(first: list[Candidate], others: list[Candidate]) -> list[Candidate]:
@@ -61,8 +61,8 @@ def unlike(ranked: list[Candidate]) -> list[Candidate]:
     """Leave out those that move the data as a simpler one before them does."""
     found: list[Candidate] = []
     for candidate in ranked:
-        n = len(candidate.insertion.parameter_names)
-        if not any(len(c.insertion.parameter_names) <= n and are_parallel(c, candidate, SAME) for c in found):
+        n = candidate.insertion.complexity
+        if not any(c.insertion.complexity <= n and are_parallel(c, candidate, SAME) for c in found):
             found.append(candidate)
     return found
 

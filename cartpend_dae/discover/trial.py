@@ -236,15 +236,15 @@ def _first_fits(
     for candidate in wide:
         bench.expect(candidate.parameters)
     found: list[Candidate] = []
-    for count in sorted({len(c.insertion.parameter_names) for c in wide}):
-        these = [c for c in wide if len(c.insertion.parameter_names) == count]
-        if enough is not None and count > len(enough.insertion.parameter_names) + 1:
+    for count in sorted({c.insertion.complexity for c in wide}):
+        these = [c for c in wide if c.insertion.complexity == count]
+        if enough is not None and count > enough.insertion.complexity + 1:
             found += [replace(c, fit=None, why_not=_far_simpler(enough)) for c in these]
             continue
         starts = with_others(these)
         new = each(bench, starts, lambda at, candidate: first_fit(at, base, rules, stage, candidate), "first fit")
         again = restarted([*found, *new], lambda c: -left_by(c))
-        again = [c for c in again if len(c.insertion.parameter_names) == count]
+        again = [c for c in again if c.insertion.complexity == count]
         new += map(own, each(bench, again, lambda at, c: first_fit(at, base, rules, stage, c), "first fit"))
         new = best_of_each(new, left_by)
         found += new
@@ -292,10 +292,10 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate], is
     near = nearest(few, base.fit.n_residuals)
     found += [replace(c, fit=None, why_not="others explain more at the next stage") for c in few if c not in near]
     few = near
-    for count in sorted({len(c.insertion.parameter_names) for c in few}):
-        these = [c for c in few if len(c.insertion.parameter_names) == count]
+    for count in sorted({c.insertion.complexity for c in few}):
+        these = [c for c in few if c.insertion.complexity == count]
         enough = next((c for c in found if not c.why_not and _is_clean(c)), None)
-        if enough is not None and count > len(enough.insertion.parameter_names) + 1:
+        if enough is not None and count > enough.insertion.complexity + 1:
             found += [replace(c, fit=None, why_not=_far_simpler(enough)) for c in these]
             continue
         found += each(bench, these, lambda at, candidate: _judge(at, base, rules, candidate), "last fit")

@@ -32,7 +32,8 @@ class EffectParameter:
     values in turn. A `wave` is the wave number of an effect that repeats along the way: a shape of which many more are
     tried. A `choice` is a structural number: it is tried, and not estimated; that of `teeth` is a whole one, of which
     all are tried. A `step` is that in which a record stands, which is read there; an `instant` is a time, of which each
-    sample's is tried.
+    sample's is tried. One that `corrects` is a term of higher order of the law, without which it is what it is called:
+    it makes no other effect the plainer one.
     """
 
     names: Mapping[Kind, str]
@@ -40,6 +41,7 @@ class EffectParameter:
     upper: float
     role: Role = "size"
     starts: Mapping[Kind, tuple[float, ...]] = field(default_factory=dict)
+    corrects: bool = False
 
     def starts_at(self, kind: Kind) -> tuple[float, ...]:
         """Return the values from which to start at a kind of port."""
@@ -156,9 +158,11 @@ class Card:
         )
 
 
-def size(name: str, at_point: str = "", *, lower: float = -np.inf, upper: float = np.inf) -> EffectParameter:
+def size(
+    name: str, at_point: str = "", *, lower: float = -np.inf, upper: float = np.inf, corrects: bool = False
+) -> EffectParameter:
     """Return a parameter that is 0 without the effect; `at_point` is its name on a line, where that is another one."""
-    return EffectParameter(_names(name, at_point), lower, upper)
+    return EffectParameter(_names(name, at_point), lower, upper, corrects=corrects)
 
 
 def level(name: str, at_point: str = "", *, upper: float = np.inf) -> EffectParameter:
@@ -173,10 +177,11 @@ def shape(
     *,
     lower: float = -np.inf,
     upper: float = np.inf,
+    corrects: bool = False,
 ) -> EffectParameter:
     """Return a parameter that only has a meaning where the effect is; `at_point` is its name and starts on a line."""
     other, values = at_point or (name, starts)
-    return EffectParameter(_names(name, other), lower, upper, "shape", _starts(starts, values))
+    return EffectParameter(_names(name, other), lower, upper, "shape", _starts(starts, values), corrects)
 
 
 def wave_number(

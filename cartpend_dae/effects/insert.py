@@ -68,6 +68,17 @@ class Insertion:
         pairs = zip(self.parameter_names, self.parameters, strict=True)
         return tuple(name for name, item in pairs if item.role == "size")
 
+    @property
+    def corrections(self) -> tuple[str, ...]:
+        """Dotted names of the parameters without which the law is what it is called."""
+        pairs = zip(self.parameter_names, self.parameters, strict=True)
+        return tuple(name for name, item in pairs if item.corrects)
+
+    @property
+    def complexity(self) -> int:
+        """Number of parameters by which one effect is plainer than another: without corrections of its law."""
+        return len(self.parameter_names) - len(self.corrections)
+
     def contradiction(self, values: Mapping[str, float]) -> str:
         """Say why fitted values, by dotted name, are not those of the effect; empty where they are."""
         for peak, level in self.card.peaks.items():
