@@ -10,7 +10,8 @@ from blind.cases import OPEN, PAIRS, TRIPLES, cases
 from blind.catalogue import EFFECTS, hidden_on
 from blind.generate import DataSet, _resized, draft, generate, kinds_of, sized
 from blind.keys import REGIMES, Key
-from blind.laws.friction import Dahl
+from blind.laws.elastic import Linear
+from blind.laws.friction import Dahl, MaxwellSlip
 from blind.laws.loads import Constant
 from blind.rigs import NOISE, RIGS
 from blind.run import in_turn, main, one, seeds_of
@@ -184,6 +185,39 @@ def test_a_cable_on_springs_is_elastic_friction_and_a_load():
     assert score(result(steps), hidden).is_exact
     alone = score(result(steps[:1]), hidden)
     assert alone.is_first and not alone.is_exact
+
+
+class EvenlySpaced(MaxwellSlip):
+    """Seven elements of one stiffness, whose limits are evenly spaced."""
+
+    shares = tuple((2 * k + 1) / 49 for k in range(7))
+    slips = tuple((2 * k + 1) / 7 for k in range(7))
+
+
+@pytest.mark.parametrize(
+    ("effect", "kinds", "laws"),
+    [
+        (
+            "bearing_torsion",
+            [(Linear, "bearing"), (Dahl, "bearing")],
+            lambda p: ({"c": p["c"], "x_0": 0.0}, {"f_c": 0.05 * p["c_m"], "c": 0.5 * p["c_m"]}),
+        ),
+        (
+            "hysteresis",
+            [(EvenlySpaced, "bearing")],
+            lambda p: ({"f_c": p["c_h"] * p["z_h"], "x_slip": p["z_h"]},),
+        ),
+    ],
+)
+def test_laws_of_other_shapes_that_are_other_effects(effect, kinds, laws):
+    """The identities behind entries of equivalences.toml for other shapes, in the test bed's own simulator."""
+    key = Key("rota_damp", "noise", ((effect, "bearing"),), 21)
+    item = draft(key)
+    assert not sized([item])
+    (law,), p = item.laws, item.p
+    hidden = outputs(item.rig, kinds_of(key), [Column(p, (law,), run) for run in item.runs], FINE)
+    found = outputs(item.rig, kinds, [Column(p, laws(law), run) for run in item.runs], FINE)
+    assert np.max(np.abs(found - hidden)) < 1e-6 * NOISE["bearing.phi"]
 
 
 def breakaway(seed):
