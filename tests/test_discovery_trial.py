@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 from test_discovery_choice import bench, fitted, names, noise, plain_fit  # noqa: F401
 
+from cartpend_dae.discover import trial
 from cartpend_dae.discover.bases import noise_alone, noise_rules
 from cartpend_dae.discover.nested import FARTHER, PEAKS, PUSHES, WIDTHS, with_cutoffs, with_gaps, with_peaks
 from cartpend_dae.discover.search import _Log
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import NEAR, other_laws
+from cartpend_dae.discover.trial import NEAR, _nearer, other_laws
 from cartpend_dae.effects import insertion_at, places
 from cartpend_dae.effects.card import SPAN
+from cartpend_dae.errors import SolverError
 from models.linear_damp_mod import LinearDampMod
 from models.rota_damp import RotaDamp
 
@@ -47,6 +49,28 @@ def test_against_forces_a_model_that_leaves_noise_alone_ends_the_search(bench): 
     assert noise_alone(bench, found["quadratic_drag"], forces) is None
     assert noise_alone(bench, found["coulomb_friction"], replace(forces, alone=None)) is None
     assert noise_alone(bench, Base((), found["coulomb_friction"].fits), forces) is None
+
+
+def test_starts_that_run_away_leave_the_others(bench, fitted, noise, monkeypatch):  # noqa: F811
+    """A gap of twice the width ran away, and with it went the fit of the right one."""
+    candidate = fitted("coulomb_friction", 0.0, 3000.0, tau_c=0.05)
+    rules = noise_rules(bench, places(RotaDamp()), 0.0)
+    level = "bearing.coulomb_friction.tau_c"
+    base = Base((), {rules.screening: noise})
+    sizes = {0.01: noise, 0.02: replace(noise, chi2=np.nan), 0.03: replace(noise, chi2=0.5 * noise.chi2)}
+
+    def fit_from(taken, point, *args, **kwargs):
+        if point[level] not in sizes:
+            raise SolverError(f"it diverges from {point[level]}")
+        return sizes[point[level]]
+
+    monkeypatch.setattr(type(bench), "fit", lambda self, *args, **kwargs: fit_from(*args, **kwargs))
+    for starts, least in (((0.5, 0.01), noise), ((0.02, 0.01, 0.5, 0.03), sizes[0.03])):
+        monkeypatch.setattr(trial, "with_peaks", lambda insertion, point, s=starts: [{level: value} for value in s])
+        assert _nearer(bench, base, rules, candidate, np.inf).fit == least
+    monkeypatch.setattr(trial, "with_peaks", lambda insertion, point: [{level: 0.5}])
+    with pytest.raises(SolverError, match="diverges from 0.5"):
+        _nearer(bench, base, rules, candidate, np.inf)
 
 
 def test_where_what_noise_found_stands_its_gains_do_too(fitted):  # noqa: F811
@@ -92,11 +116,11 @@ def test_a_law_with_a_frequency_of_its_own_is_tried_with_a_lower_and_a_higher_on
 def test_a_gap_is_tried_with_other_widths_and_flanks():
     """Its impacts pass in another order from there: a width of 1.8 mm was left for 2.3 mm from no other start."""
     gap = insertion_at(LinearDampMod(), "backlash", "inertial.flange_b")
-    width, push = gap.parameter_names
-    point = {"rail.d": 30.0, width: 0.002, push: 10.0}
+    width, push, rounding = gap.parameter_names
+    point = {"rail.d": 30.0, width: 0.002, push: 10.0, rounding: 0.1}
     points = with_gaps(gap, point)
     assert points[0] == point and len(points) == 1 + len(WIDTHS) * len(PUSHES)
     assert {(one[width] / 0.002, one[push] / 10.0) for one in points[1:]} == {*product(WIDTHS, PUSHES)}
-    assert all(one["rail.d"] == 30.0 for one in points)
+    assert all((one["rail.d"], one[rounding]) == (30.0, 0.1) for one in points)
     friction = insertion_at(LinearDampMod(), "coulomb_friction", "rail")
     assert with_gaps(friction, friction.starts) == [friction.starts]

@@ -1,10 +1,12 @@
-"""Links that give way, against closed forms."""
+"""Links and rods that give way, against closed forms."""
 
+import numpy as np
 import pytest
 from library_bench import joined
+from scipy.special import ellipj
 
 from cartpend_dae import simulate
-from cartpend_dae.library import rotational, rotational_links, translational, translational_links
+from cartpend_dae.library import rotational, rotational_links, rotational_loads, translational, translational_links
 
 DOMAINS = {
     "rotational": (rotational, rotational_links, rotational.Inertia(J=0.5), "tau", "tau_0"),
@@ -12,13 +14,13 @@ DOMAINS = {
 }
 
 
-@pytest.mark.parametrize("load", [0.5, -2.0, 40.0])
-@pytest.mark.parametrize("n", [0.0, 0.3])
-@pytest.mark.parametrize("domain", DOMAINS)
-def test_a_link_that_hardens_gives_way_by_less_under_more_load(domain, n, load):
-    module, links, body, effort, constant = DOMAINS[domain]
-    ground, link = module.Fixed(), links.Compliance(h=0.02, w_c=100.0, D=0.5, n=n)
-    against = module.ConstantLoad(**{constant: -load})
+def loaded(domain, load, link):
+    """Return a body that hangs on a link and is pulled by a load until it rests, and the load in the link at the end.
+
+    Also the stretch of the link.
+    """
+    module, _, body, effort, constant = DOMAINS[domain]
+    ground, against = module.Fixed(), module.ConstantLoad(**{constant: -load})
     model = joined(
         (ground.flange, link.flange_a),
         (link.flange_b, body.flange_b),
@@ -30,6 +32,40 @@ def test_a_link_that_hardens_gives_way_by_less_under_more_load(domain, n, load):
         against=against,
     )
     result = simulate(model, 30.0, points=11, rtol=1e-9)
-    assert result[f"link.{effort}"][-1] == pytest.approx(load, rel=1e-6)
-    stretch = result["link.q"][-1] / 0.02
+    return result[f"link.{effort}"][-1], result["link.q"][-1]
+
+
+@pytest.mark.parametrize("load", [0.5, -2.0, 40.0])
+@pytest.mark.parametrize("n", [0.0, 0.3])
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_a_link_that_hardens_gives_way_by_less_under_more_load(domain, n, load):
+    effort, q = loaded(domain, load, DOMAINS[domain][1].Compliance(h=0.02, w_c=100.0, D=0.5, n=n))
+    assert effort == pytest.approx(load, rel=1e-6)
+    stretch = q / 0.02
     assert stretch * (1 + (n * stretch) ** 2) == pytest.approx(load, rel=2e-6)
+
+
+@pytest.mark.parametrize("load", [0.4, -0.9, 4.0])
+@pytest.mark.parametrize("r", [0.0, 0.3])
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_a_gap_is_taken_up_at_its_flanks_or_gradually(domain, r, load):
+    _, links, _, effort, _ = DOMAINS[domain]
+    effort, q = loaded(domain, load, links.Backlash(b=0.04, w_c=60.0, r=r, **{f"{effort}_r": 0.5}))
+    assert effort == pytest.approx(load, rel=1e-6)
+    x = q / 0.02
+    depth = x + (np.hypot(x - 1, r) - np.hypot(x + 1, r)) / 2
+    assert depth == pytest.approx(load / 4.5, rel=1e-5)
+    if r == 0.0:
+        assert abs(x) == pytest.approx(1 + abs(load) / 4.5, rel=1e-6)
+
+
+@pytest.mark.parametrize("n", [0.0, 50.0])
+def test_a_rod_that_bends_further_swings_faster(n):
+    """With its shaft held the mode is the oscillator of G. Duffing (1918), whose solution is Jacobi's cn."""
+    ground, rod = rotational.Fixed(), rotational_loads.FlexibleRod(J_1=0.1, w_1=20.0, D=0.0, n=n)
+    held = rotational.Fixed()
+    model = joined((ground.flange, rod.flange_a), (rod.flange_b, held.flange), ground=ground, rod=rod, held=held)
+    result = simulate(model, 2.0, points=401, rtol=1e-10, start={"rod.q": 0.2, "rod.qd": 0.0})
+    stiffening = n * 0.2**2
+    _, cn, _, _ = ellipj(20.0 * np.sqrt(1 + stiffening) * result.time, stiffening / (2 * (1 + stiffening)))
+    np.testing.assert_allclose(result["rod.q"], 0.2 * cn, atol=1e-6)

@@ -153,7 +153,8 @@ def with_gaps(insertion: Insertion, point: Mapping[str, float]) -> list[dict[str
     Whether the next impact comes before a reversal or after it changes at once, so that few starts lead to the law.
     """
     sizes = [name for name in insertion.size_names if insertion.card.knocks]
-    shapes = [name for name in insertion.parameter_names if sizes and name not in sizes]
+    kept = {*sizes, *insertion.corrections}
+    shapes = [name for name in insertion.parameter_names if sizes and name not in kept]
     others = [
         {name: wide * point[name] for name in sizes} | {name: push * point[name] for name in shapes}
         for wide, push in product(WIDTHS, PUSHES)

@@ -328,14 +328,16 @@ def _nearer(bench: Workbench, base: Base, rules: Rules, candidate: Candidate, ah
         points += with_cutoffs(candidate.insertion, candidate.fit.point)
     # a free simulation may drift off at first; predictions do not
     least = bench.last or min(w for w in rules.stages if w > 0)
-    fits = [
-        bench.fit(together, point, (least,), rules.sd, patient=False, iterations=LATER, stride=ROUGH)
-        for point in points
-    ]
-    fit = min(fits, key=lambda f: f.chi2 if np.isfinite(f.chi2) else np.inf)
-    if not np.isfinite(fit.chi2):
-        raise SolverError("its simulation diverges")
-    return replace(candidate, fit=fit)
+    fits, failure = [], SolverError("its simulation diverges")
+    for point in points:
+        try:
+            fits.append(bench.fit(together, point, (least,), rules.sd, patient=False, iterations=LATER, stride=ROUGH))
+        except SolverError as error:  # it diverges from this start
+            failure = error
+    fits = [fit for fit in fits if np.isfinite(fit.chi2)]
+    if not fits:
+        raise failure
+    return replace(candidate, fit=min(fits, key=lambda fit: fit.chi2))
 
 
 def too_little(gain: float) -> str:

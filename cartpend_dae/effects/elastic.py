@@ -213,7 +213,12 @@ def elastic_cards() -> tuple[Card, ...]:
             summary="a gap between two parts that a model joins rigidly",
             insertion="series",
             components={R: rotational_links.Backlash, T: translational_links.Backlash},
-            parameters=(level("b"), shape("tau_r", (0.02, 0.2), ("f_r", (2.0, 20.0))), choice("w_c", (200.0,))),
+            parameters=(
+                level("b"),
+                shape("tau_r", (0.02, 0.2), ("f_r", (2.0, 20.0))),
+                shape("r", (0.0, 0.3), lower=0.0, corrects=True),
+                choice("w_c", (200.0,)),
+            ),
             dissipative=False,
             nested_in=(),
             equivalent_to={},

@@ -29,6 +29,7 @@ def inertial_cards() -> tuple[Card, ...]:
                 level("J_1"),
                 shape("w_1", (10.0, 15.0, 22.0, 35.0, 60.0)),
                 shape("D", (0.02,), lower=0.0, upper=1.0),
+                shape("n", (0.0,), lower=0.0, corrects=True),
             ),
             dissipative=False,
             nested_in=(),

@@ -120,6 +120,11 @@ def length_of(x: ca.SX, y: ca.SX) -> ca.SX:
     return ca.sqrt(ca.fmax(x**2 + y**2, 1e-300))
 
 
+def past_gap(x: ca.SX, width: ca.SX) -> ca.SX:
+    """Return by how much x is beyond -1 to 1, with corners that are hyperbolas: half their width at -1 and 1."""
+    return x + (length_of(x - 1, width) - length_of(x + 1, width)) / 2
+
+
 def beyond(x: ca.SX, low: ca.SX | float, high: ca.SX | float) -> ca.SX:
     """Return by how much x is above high, or (negative) below low; 0 in between."""
     return x - ca.fmin(ca.fmax(x, low), high)

@@ -142,9 +142,10 @@ class BearingTorsion(CompliantWithSpeed):
 
 
 class FlexibleRod(CompliantWithSpeed):
-    """Flexible rod, tau = J_1 der(der(q)), der(der(q)) = -w_1^2 q - 2 D w_1 der(q) - der(w_rel): its first mode.
+    """Flexible rod, tau = J_1 der(der(q)), der(der(q)) = -w_1^2 (q + n q^3) - 2 D w_1 der(q) - der(w_rel).
 
-    The share J_1 of the moment of inertia that the model has is not rigid, but swings by q against the rest.
+    The share J_1 of the moment of inertia that the model has is not rigid, but swings by q against the rest, in the
+    first mode. As it bends further it gets stiffer by n.
     """
 
     q = var(unit="rad", doc="deflection of the mode")
@@ -152,9 +153,11 @@ class FlexibleRod(CompliantWithSpeed):
     J_1: Param = param(unit="kg.m2", default=0.0, min=0, doc="moment of inertia that takes part in the mode")
     w_1: Param = param(unit="rad/s", default=40.0, min=0, doc="frequency of the mode with the shaft held")
     D: Param = param(unit="1", default=0.02, min=0, doc="damping ratio of the mode")
+    n: Param = param(unit="1/rad2", default=0.0, min=0, doc="hardening: by it times q^2 the mode is stiffer")
 
     def equations(self) -> Statements:
         yield from super().equations()
         yield self.qd == der(self.q)
-        yield der(self.qd) + der(self.w_rel) == -self.w_1 * (self.w_1 * self.q + 2 * self.D * self.qd)
+        push = self.w_1 * self.q * (1 + self.n * self.q**2)
+        yield der(self.qd) + der(self.w_rel) == -self.w_1 * (push + 2 * self.D * self.qd)
         yield self.tau == self.J_1 * der(self.qd)

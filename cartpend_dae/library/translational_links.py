@@ -14,7 +14,7 @@ otherwise it starts at ease, in the middle of a gap.
 import casadi as ca
 
 from cartpend_dae.language import Component, Param, Statements, der, dry_friction, initial, param, port, var
-from cartpend_dae.library.laws import SHORTEST, beyond, hardened, softer
+from cartpend_dae.library.laws import SHORTEST, hardened, past_gap, softer
 from cartpend_dae.library.translational import Flange
 
 
@@ -135,6 +135,7 @@ class Backlash(Link):
     x is the place in the gap of the total width b, and -1 and 1 are its flanks. In the gap the force is only that of
     an inertance 2 f_r/(b w_c^2), so f_r is to be small against what is passed on; the flanks are springs of
     18 f_r/b with dampers. For b = 0 the two ends move as one, while x still shows on which flank they are.
+    Where contact sets in gradually, e is rounded over r: x + (|x - 1| - |x + 1|)/2 with (z^2 + r^2)^(1/2) for each |z|.
     Steps that cannot follow the flanks see softer ones, with w_c no larger than 1/(3 T_0).
     """
 
@@ -143,6 +144,7 @@ class Backlash(Link):
     b: Param = param(unit="m", default=0.0, min=0, doc="total width of the gap")
     f_r: Param = param(unit="N", default=5.0, min=0, doc="force that carries it through the gap within 1/w_c")
     w_c: Param = param(unit="rad/s", default=100.0, min=0, doc="rate at which the gap is crossed")
+    r: Param = param(unit="1", default=0.0, min=0, doc="width over which contact sets in, in units of x")
     T_0: Param = param(unit="s", default=SHORTEST, min=0, doc="shortest time of change", is_shortest_time=True)
 
     def equations(self) -> Statements:
@@ -150,7 +152,7 @@ class Backlash(Link):
         yield self.q == self.b / 2 * self.x
         yield self.xd == der(self.x)
         yield initial(self.x == 0, fixed=False)
-        depth = beyond(self.x, -1, 1)
+        depth = past_gap(self.x, self.r)
         push = self.f / self.f_r - 9 * depth
         touch = ca.fmin(1, 9 * ca.fabs(depth))
         w_c = self.w_c / ca.fmax(1, 3 * self.w_c * self.T_0)
