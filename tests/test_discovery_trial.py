@@ -69,7 +69,7 @@ def test_starts_that_run_away_leave_the_others(bench, fitted, noise, monkeypatch
         monkeypatch.setattr(trial, "with_peaks", lambda insertion, point, s=starts: [{level: value} for value in s])
         assert _nearer(bench, base, rules, candidate, np.inf).fit == least
     monkeypatch.setattr(trial, "with_peaks", lambda insertion, point: [{level: 0.5}])
-    with pytest.raises(SolverError, match="diverges from 0.5"):
+    with pytest.raises(SolverError, match=r"diverges from 0\.5"):
         _nearer(bench, base, rules, candidate, np.inf)
 
 
