@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cartpend_dae.directions import unreached
 from cartpend_dae.effects import Insertion
 from cartpend_dae.identify import Fit
 from cartpend_dae.shooting import Linearisation
@@ -50,7 +51,8 @@ def determined(fit: Fit | None) -> int:
 
 def described(fit: Fit | None, insertion: Insertion) -> int:
     """Return how many numbers describe a fit as the law of an effect that is last in it: without its corrections."""
-    return determined(fit) - (0 if fit is None else len(set(insertion.corrections) - set(fit.blind)))
+    corrections = [] if fit is None else [name for name in insertion.corrections if unreached(name) not in fit.blind]
+    return determined(fit) - len(corrections)
 
 
 def bic(fit: Fit) -> float:

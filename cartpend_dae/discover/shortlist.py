@@ -19,7 +19,7 @@ PLACES = 2
 
 
 def is_simple(candidate: Candidate) -> bool:
-    """Return whether an effect has one parameter."""
+    """Return whether an effect has one parameter besides those that correct its law."""
     return candidate.insertion.complexity == 1
 
 
