@@ -11,7 +11,7 @@ import numpy as np
 # of 1 ms can follow it
 SHORTEST = 0.0005
 # a share of the load where a spring hardens that changes nothing
-SLIGHT = 1e-3
+SLIGHT = 1e-4
 
 
 def stribeck_level(v: ca.SX, level: ca.SX, peak: ca.SX, v_s: ca.SX) -> ca.SX:
@@ -36,7 +36,7 @@ def grown_lag(lag: ca.SX, floor: ca.SX) -> ca.SX:
 
 
 def hardened(load: ca.SX) -> ca.SX:
-    """Return by which factor a spring that hardens gives way less under a load, 1 without one and to 1e-6 near it.
+    """Return by which factor a spring that hardens gives way less under a load, 1 without one and to 1e-8 near it.
 
     The load is y(u) = u + u^3, that of a linear and a cubic spring over the load where both have the same; the factor
     is u/y, by Cardano's formula.
