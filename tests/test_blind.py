@@ -220,6 +220,17 @@ def test_laws_of_other_shapes_that_are_other_effects(effect, kinds, laws):
     assert np.max(np.abs(found - hidden)) < 1e-6 * NOISE["bearing.phi"]
 
 
+@pytest.mark.parametrize(
+    ("effect", "steps"),
+    [("bearing_torsion", ["linear_stiffness", "dahl_friction"]), ("hysteresis", ["maxwell_slip_friction"])],
+)
+def test_laws_of_other_shapes_count_as_other_effects_in_that_shape_alone(effect, steps):
+    named, hidden = result([(step, "bearing") for step in steps]), truth((effect, "bearing"))
+    assert not score(named, hidden).is_first
+    other = hidden | {"effects": [one | {"shape": "other"} for one in hidden["effects"]]}
+    assert score(named, other).is_exact
+
+
 def breakaway(seed):
     return truth(("breakaway_friction", "bearing")) | {"regime": "noise", "seed": seed}
 
