@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from cartpend_dae import Component, connect, simulate
+from cartpend_dae import Component, connect, port, simulate, var
 from cartpend_dae.data import Channel, Experiment, Start
 from cartpend_dae.discover.records import FreeSpec, Setup
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import catalogue, insert
 from cartpend_dae.effects.insert import insertion_at
 from cartpend_dae.effects.places import fits, places
-from cartpend_dae.library.rotational import BearingFriction, Fixed, SlenderRod
+from cartpend_dae.library.rotational import BearingFriction, Fixed, Flange, SlenderRod
 from models.driven_cart import DrivenCart
 from models.rota_damp import RotaDamp
 
@@ -41,6 +41,51 @@ def test_bearing_friction_goes_by_the_force_in_the_bearing():
     # the lag of 0.5 ms, in which the force changes by less than 1 %
     np.testing.assert_allclose(np.abs(tau), 0.002 + 0.004 * force + 0.001 * force**2, rtol=0.01)
     assert np.all(tau * run["bearing.w"][moving] > 0)
+
+
+def test_bearing_friction_can_go_by_what_weight_and_swing_make():
+    model = insert(DrivenCart(), "load_dependent_friction", "bearing", tau_c=0.002, r_f=0.004, k_s=1.0)
+    run = simulate(
+        model, 3.0, points=301, rtol=1e-9, atol=1e-11, start={"bearing.phi": 1.2}, inputs={"amplifier.u": 8.0}
+    )
+    phi, w, moving = run["bearing.phi"], run["bearing.w"], np.abs(run["bearing.w"]) > 0.5
+    along = M * G * np.cos(phi) + S * w**2
+    np.testing.assert_allclose(run["rod.N_s"], along, rtol=1e-9)
+    # the cart's acceleration is in the whole force, and in this one not
+    assert np.abs(run["rod.N"] - along).max() > 0.2
+    tau = np.abs(run["bearing.load_dependent_friction.tau"][moving])
+    np.testing.assert_allclose(tau, 0.002 + 0.004 * np.abs(along[moving]), rtol=0.01)
+
+
+class Weighed(Component):
+    """A rod that tells the force in its bearing, and no part of it."""
+
+    flange = port(Flange, doc="shaft")
+    N = var(unit="N", load_of="flange", doc="force in the bearing")
+
+    def __post_init__(self):
+        self.rod = SlenderRod(m=M, l=LENGTH)
+
+    def equations(self):
+        yield connect(self.flange, self.rod.flange)
+        yield self.N == M * G
+
+
+class Held(Component):
+    """It on a bearing."""
+
+    def __post_init__(self):
+        self.ground, self.bearing, self.body = Fixed(), BearingFriction(d=0.01), Weighed()
+
+    def equations(self):
+        yield connect(self.ground.flange, self.bearing.flange_a)
+        yield connect(self.bearing.flange_b, self.body.flange)
+
+
+def test_bearing_friction_goes_by_all_of_the_force_where_the_body_tells_no_part_of_it():
+    run = swing(insert(Held(), "load_dependent_friction", "bearing", r_f=0.004, k_s=1.0))
+    moving = np.abs(run["bearing.w"]) > 0.5
+    np.testing.assert_allclose(np.abs(run["bearing.load_dependent_friction.tau"][moving]), 0.004 * M * G, rtol=1e-9)
 
 
 class Plain(Component):

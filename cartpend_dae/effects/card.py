@@ -89,6 +89,9 @@ class Card:
         Components at which it may stand; all, if empty.
     load
         Of friction at a bearing: the input of the effect that takes the force in it, which the model must know.
+    load_at_rest
+        With `load`: the input that takes what the body calls by the same name, the force in the bearing as if that
+        stood still; all of the force, where the body has none.
     is_elsewhere
         It does not go where the model knows the force in a bearing, or a body hangs that tells it: another card of
         its id does.
@@ -134,6 +137,7 @@ class Card:
     source: str
     hosts: tuple[type[Component], ...] = ()
     load: str = ""
+    load_at_rest: str = ""
     is_elsewhere: bool = False
     is_massless: bool | None = None
     constant: str = ""

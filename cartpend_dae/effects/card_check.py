@@ -162,7 +162,7 @@ def _ends(card: Card, kind: Kind) -> tuple[str, ...]:
         ends = ("pin_p", "pin_n") if kind is E else ("flange_a", "flange_b")
     else:
         ends = _SIGNALS.get(card.insertion, ())
-    return (*ends, *card.reads, *((card.load,) if card.load else ()))
+    return (*ends, *card.reads, *filter(None, (card.load, card.load_at_rest)))
 
 
 def _is_component(value: object) -> bool:

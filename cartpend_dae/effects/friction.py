@@ -139,7 +139,12 @@ def friction_cards() -> tuple[Card, ...]:
             summary="dry friction that grows with the force in a bearing",
             insertion="parallel",
             components={R: rotational_losses.RadialLoadFriction},
-            parameters=(level("tau_c"), level("r_f"), level("r_2")),
+            parameters=(
+                level("tau_c"),
+                level("r_f"),
+                level("r_2"),
+                shape("k_s", (0.0, 1.0), lower=0.0, upper=1.0, corrects=True),
+            ),
             dissipative=True,
             nested_in=(),
             equivalent_to={},
@@ -148,6 +153,7 @@ def friction_cards() -> tuple[Card, ...]:
             source="mu r N of a journal, and the square of the load as in M. Duclusaud, G. Passault, V. Padois, O. Ly "
             "(2024), Extended Friction Models for the Physics Simulation of Servo Actuators, 10.48550/arXiv.2410.08650",
             load="N",
+            load_at_rest="N_s",
         ),
         Card(
             id="load_dependent_friction",

@@ -258,7 +258,11 @@ def _beside(model: Component, card: Card, place: Place, effect: Component) -> No
         joined = [connect(getattr(owner, place.port_a), flange_a)]
     if card.load:
         path, _, load = place.load.rpartition(".")
-        joined.append(connect(getattr(component_at(model, path), load), getattr(effect, card.load)))
+        body = component_at(model, path)
+        joined.append(connect(getattr(body, load), getattr(effect, card.load)))
+        if card.load_at_rest:
+            at_rest = getattr(body, card.load_at_rest, getattr(body, load))
+            joined.append(connect(at_rest, getattr(effect, card.load_at_rest)))
     owner.attach(card.id, effect, *joined, connect(getattr(owner, place.port_b), flange_b))
 
 

@@ -270,7 +270,8 @@ class HangingRod(Component):
     pivot.f = m der(v) + S (cos phi der(w) - sin phi w^2), and
     shaft.tau = J der(w) + S cos phi der(v) + S g sin phi.
     The line of the pivot is level, and phi is measured against the vertical. The bearing carries N, whose upward
-    part is m g + S (sin phi der(w) + cos phi w^2).
+    part is m g + S (sin phi der(w) + cos phi w^2). What weight and swing alone make it carry along the rod, without
+    the acceleration of the pivot, is N_s.
     """
 
     pivot = port(translational.Flange, doc="point of the rod that slides")
@@ -280,6 +281,7 @@ class HangingRod(Component):
     phi = var(unit="rad", doc="angle, 0 = hanging")
     w = var(unit="rad/s", doc="angular speed")
     N = var(unit="N", load_of="shaft", doc="force in the bearing of the pivot")
+    N_s = var(unit="N", doc="part of it along the rod that weight and swing make")
     m: Param = param(unit="kg", min=0, doc="mass")
     l: Param = param(unit="m", min=0, doc="length")  # noqa: E741 (the symbol of mechanics)
     g: Param = param(unit="m/s2", default=9.81, doc="acceleration of gravity")
@@ -295,3 +297,4 @@ class HangingRod(Component):
         yield self.shaft.tau == J * der(self.w) + S * cos * der(self.v) + S * self.g * sin
         upward = self.m * self.g + S * (sin * der(self.w) + cos * self.w**2)
         yield length_of(self.pivot.f, upward) == self.N
+        yield self.m * self.g * cos + S * self.w**2 == self.N_s

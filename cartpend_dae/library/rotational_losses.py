@@ -106,20 +106,25 @@ class PositionDependentFriction(CompliantWithSpeed):
 class RadialLoadFriction(CompliantWithSpeed):
     """Friction of a bearing that carries the force N, tau = (tau_c + r_f |y| + r_2 y^2) sgn w_rel, with exact sticking.
 
-    y follows N with the lag T_f, so that friction does not depend on itself at the same instant.
+    y follows N with the lag T_f, so that friction does not depend on itself at the same instant; with k_s = 1 it
+    follows N_s instead, the load that weight and swing make, as in laws of a cart and pole that leave out the
+    acceleration of the cart.
     """
 
     N = signal("in", unit="N", doc="force that the bearing carries")
+    N_s = signal("in", unit="N", doc="part of it that weight and swing make")
     y = var(unit="N", doc="force that the bearing carries, smoothed")
     tau_c: Param = param(unit="N.m", default=0.0, min=0, doc="Coulomb level without load")
     r_f: Param = param(unit="m", default=0.0, min=0, doc="radius of the journal times its coefficient of friction")
     r_2: Param = param(unit="m/N", default=0.0, min=0, doc="growth of that product with the force")
+    k_s: Param = param(unit="1", default=0.0, min=0, max=1, doc="how far the load is that of weight and swing alone")
     T_f: Param = param(unit="s", default=SHORTEST, min=0, doc="lag of the load", is_shortest_time=True)
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.T_f * der(self.y) == self.N - self.y
-        yield initial(self.y == self.N, fixed=False)
+        load = (1 - self.k_s) * self.N + self.k_s * self.N_s
+        yield self.T_f * der(self.y) == load - self.y
+        yield initial(self.y == load, fixed=False)
         level = self.tau_c + self.r_f * ca.fabs(self.y) + self.r_2 * self.y**2
         yield self.tau == dry_friction(self.w_rel, level)
 
