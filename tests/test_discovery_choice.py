@@ -26,7 +26,7 @@ from cartpend_dae.discover.disturbed import ALIKE, ALIKE_SHARE, margin_of, order
 from cartpend_dae.discover.evidence import bic
 from cartpend_dae.discover.gate import most_of_noise, residuals
 from cartpend_dae.discover.nearest import left_by, nearest
-from cartpend_dae.discover.nested import PEAK, chosen_otherwise, own, restarted, shared, simplified
+from cartpend_dae.discover.nested import CREEPS, PEAK, chosen_otherwise, own, restarted, shared, simplified
 from cartpend_dae.discover.promising import HELD, Couple, may_be_two, promising
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.screen import candidates
@@ -739,6 +739,25 @@ def test_coulomb_friction_creeps_where_a_richer_law_is_weaker_at_rest(fitted):
     assert again[1].insertion.card.components != sharp.insertion.card.components
     peak = fitted("stribeck_friction", 0.0, 100.0, tau_c=0.45, tau_s=0.6, w_s=0.04, d=0.0)
     assert len(simplified([sharp, peak], left_by)) == 1
+
+
+def test_coulomb_friction_creeps_where_noise_is_all_that_it_leaves_but_a_law_weaker_at_rest_is_likelier(fitted):
+    """A wave of friction had taken up its corner: it left noise alone too, and no law left twice as much as another."""
+    wave = fitted("position_dependent_friction", 0.0, 97.0, tau_c=0.3, tau_c_sin=0.01, tau_c_cos=0.01, n=185.0)
+    dip = fitted("stribeck_friction", 0.0, 98.0, tau_c=0.45, tau_s=0.01, w_s=0.04, d=0.0)
+    n = dip.fit.n_residuals
+    for ratio, tried in ((np.exp((CREEPS + 1) / n), ["coulomb_friction"]), (np.exp((CREEPS - 1) / n), [])):
+        sharp = fitted("coulomb_friction", 0.0, 98.0 * ratio, tau_c=0.3)
+        again = simplified([sharp, wave, dip], left_by)
+        assert names(again) == tried
+    sharp = fitted("coulomb_friction", 0.0, 98.0 * np.exp((CREEPS + 1) / n), tau_c=0.3)
+    (creeping,) = simplified([sharp, wave, dip], left_by)
+    assert own(creeping).parameters == {
+        "bearing.coulomb_friction.tau_c": 0.45,
+        "bearing.coulomb_friction.w_r": 0.04,
+    }
+    peak = fitted("stribeck_friction", 0.0, 98.0, tau_c=0.45, tau_s=0.6, w_s=0.04, d=0.0)
+    assert not simplified([sharp, wave, peak], left_by)
 
 
 def test_a_law_of_which_a_plainer_one_leaves_no_more_than_shape_is_not_told_by_noise(fitted):

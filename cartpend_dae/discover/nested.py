@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import product
 
+import numpy as np
+
 from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.evidence import SPEEDS, peaks_alone
 from cartpend_dae.discover.gate import is_clean
@@ -27,6 +29,8 @@ WIDTHS, PUSHES = (0.7, 1.0, 1.4, 2.0), (0.6, 1.5)
 CUTOFF, FARTHER = ".w_c", (0.2, 5.0)
 # a law that leaves so many times more than a richer one starts from that
 MUCH = 2.0
+# ... and one that sticks creeps, where a richer one that is weaker at rest is likelier by this [-2 ln likelihood]
+CREEPS = 20.0
 # ends of names of a parameter each way
 WAYS = ("_pos", "_neg")
 
@@ -67,7 +71,8 @@ def simplified(
 ) -> list[Candidate]:
     """Return the plainer ones of some candidates from the best richer one: its whole fit, and each choice.
 
-    Those that leave much more than it does, and those whose fit is not what they are called.
+    Those that leave much more than it does, and those whose fit is not what they are called; and such as stick, where
+    the data tell that a richer law is weaker at rest.
 
     Parameters
     ----------
@@ -92,10 +97,26 @@ def simplified(
             continue
         values = shared(plain.insertion, rich)
         if values and (is_behind(left(plain), left(rich)) or contradicts(plain)):
-            point = rich.fit.point
             options = each_choice(plain) + (_creeping(plain, rich) if contradicts(rich) else [])
-            found += [replace(c, parameters={**point, **c.parameters, **values}, fit=None) for c in options]
+            found += _from(rich, values, options)
+        elif plain.insertion.card.creeping is not None:
+            weak = [c for c in fitted if c.fit is not None and holds(c, plain) and contradicts(c)]
+            weaker = min(weak, key=left, default=None)
+            if weaker is not None and _is_told(left(plain), left(weaker), weaker):
+                found += _from(weaker, shared(plain.insertion, weaker), _creeping(plain, weaker))
     return found
+
+
+def _from(rich: Candidate, values: Mapping[str, float], options: list[Candidate]) -> list[Candidate]:
+    """Return laws to be fitted from a richer one: its whole fit, and the values that they share."""
+    assert rich.fit is not None
+    return [replace(c, parameters={**rich.fit.point, **c.parameters, **values}, fit=None) for c in options]
+
+
+def _is_told(plain: float, rich: float, of: Candidate) -> bool:
+    """Return whether what two laws leave of the squared errors tells them apart, whatever the noise is."""
+    assert of.fit is not None
+    return 0 < rich < plain < np.inf and of.fit.n_residuals * np.log(plain / rich) > CREEPS
 
 
 def chosen_otherwise(found: list[Candidate]) -> list[Candidate]:
