@@ -26,7 +26,16 @@ from cartpend_dae.discover.disturbed import ALIKE, ALIKE_SHARE, margin_of, order
 from cartpend_dae.discover.evidence import bic
 from cartpend_dae.discover.gate import most_of_noise, residuals
 from cartpend_dae.discover.nearest import left_by, nearest
-from cartpend_dae.discover.nested import CREEPS, PEAK, chosen_otherwise, own, restarted, shared, simplified
+from cartpend_dae.discover.nested import (
+    CREEPS,
+    PEAK,
+    chosen_otherwise,
+    is_nothing_in,
+    own,
+    restarted,
+    shared,
+    simplified,
+)
 from cartpend_dae.discover.promising import HELD, Couple, may_be_two, promising
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.screen import candidates
@@ -702,6 +711,23 @@ def test_an_effect_that_is_there_in_full_is_not_absent(fitted):
     assert not ends(e=1.0, u_max=4.0)  # all of the command is limited
     free = fitted("saturation", 0.0, 100.0, DrivenCart(), "amplifier.u", e=0.0, u_max=4.0)
     assert not trials.is_absent(free.fit, free.insertion)
+
+
+def test_a_law_whose_sizes_ended_at_zero_in_a_richer_one_is_nothing_in_it(fitted):
+    """A chain that rubs and does not give way is no case of one that gives way, beside which others were tried."""
+    at = fitted("chain_tension_friction", 0.0, 100.0, DrivenCart(), "inertial.flange_b", h=0.0, e=0.3, f_p=1.0)
+
+    def with_bounds(*names):
+        ended = [replace(x, status="at-bound") if x.name.endswith(names) else x for x in at.fit.parameters]
+        return replace(at, fit=replace(at.fit, parameters=tuple(ended)))
+
+    plain = fitted("compliance", 0.0, 900.0, DrivenCart(), "inertial.flange_b", h=1e-4)
+    assert is_nothing_in(plain, with_bounds(".h"))
+    assert not is_nothing_in(plain, at) and not is_nothing_in(plain, with_bounds(".e"))
+    assert not is_nothing_in(plain, replace(at, fit=None))
+    # a law with a size that the richer one does not have may still be beside another
+    other = fitted("coulomb_friction", 0.0, 900.0, tau_c=0.1)
+    assert not is_nothing_in(other, with_bounds(".h"))
 
 
 def test_a_rod_that_turns_and_moves_along_joins_no_contacts():

@@ -8,6 +8,7 @@ from cartpend_dae.directions import unreached
 from cartpend_dae.effects import Insertion
 from cartpend_dae.identify import Fit
 from cartpend_dae.shooting import Linearisation
+from cartpend_dae.uncertainty import Estimate
 
 BLOCKS = 30
 # blocks of all runs together where what is left is compared
@@ -53,6 +54,19 @@ def described(fit: Fit | None, insertion: Insertion) -> int:
     """Return how many numbers describe a fit as the law of an effect that is last in it: without its corrections."""
     corrections = [] if fit is None else [name for name in insertion.corrections if unreached(name) not in fit.blind]
     return determined(fit) - len(corrections)
+
+
+def ended_at_zero(fit: Fit, insertion: Insertion) -> frozenset[str]:
+    """Return the parameters of an effect that end on a bound, if that is not the other end of how much can be."""
+    kind = insertion.place.kind
+    bounds = {f"{insertion.prefix}.{item.names[kind]}": item.bounds_at(kind) for item in insertion.parameters}
+
+    def is_nothing(e: Estimate) -> bool:
+        low, high = bounds[e.name]
+        is_full = low == 0 and np.isfinite(high) and e.value > high / 2
+        return e.status == "at-bound" and not is_full
+
+    return frozenset(e.name for e in fit.parameters if e.name in bounds and is_nothing(e))
 
 
 def bic(fit: Fit) -> float:

@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 
 from cartpend_dae.discover.contact import is_other_law
-from cartpend_dae.discover.evidence import SPEEDS, peaks_alone
+from cartpend_dae.discover.evidence import SPEEDS, ended_at_zero, peaks_alone
 from cartpend_dae.discover.gate import is_clean
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.shortlist import each_choice
@@ -160,6 +160,15 @@ def shared(insertion: Insertion, rich: Candidate) -> dict[str, float]:
         if peak not in there and level in there:
             found[f"{insertion.prefix}.{peak}"] = there.get(RATIO, PEAK) * there[level]
     return found
+
+
+def is_nothing_in(plain: Candidate, rich: Candidate) -> bool:
+    """Return whether all sizes of a law ended at zero in the fit of a richer one, which does what that one cannot."""
+    if rich.fit is None:
+        return False
+    known, own = set(rich.insertion.parameter_names), (name.rpartition(".")[2] for name in plain.insertion.size_names)
+    sizes = {f"{rich.insertion.prefix}.{name}" for name in own}
+    return bool(sizes) and sizes <= known and sizes <= ended_at_zero(rich.fit, rich.insertion)
 
 
 def with_peaks(insertion: Insertion, point: Mapping[str, float]) -> list[dict[str, float]]:

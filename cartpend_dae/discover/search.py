@@ -13,6 +13,7 @@ from cartpend_dae.discover.evidence import described, lead, leaves_far_less, wit
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.laws import lawful
 from cartpend_dae.discover.mirror import mirrored
+from cartpend_dae.discover.nested import is_nothing_in
 from cartpend_dae.discover.promising import may_be_two
 from cartpend_dae.discover.rattle import RattlingError, is_all_that_tells, least_that_tells
 from cartpend_dae.discover.records import Candidate, Regime, Search, Step
@@ -328,7 +329,8 @@ def _grow(
 
 def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _Log, n_more: int) -> Base | None:
     """Return the model with one more effect, or two of at most `n_more`, and log it; None if there is none to add."""
-    is_plain = not any(plainer(step, list(log.tried.values())) for step in log.steps)
+    tried = list(log.tried.values())
+    is_plain = all(is_nothing_in(c, step.candidate) for step in log.steps for c in plainer(step, tried))
     if rules.regime == "noise" and is_plain and is_left_to_shape(base.bare, base.fit):
         return None
     if base.taken and is_all_that_tells(bench, base.bare, base.fit):

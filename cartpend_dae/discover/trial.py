@@ -8,7 +8,7 @@ from cartpend_dae.discover.attempts import each
 from cartpend_dae.discover.choice import SHAPELESS, ordered_by_bic, rounded_first, second
 from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.disturbed import ALIKE, is_composite, judge, margin_of, ordered, penalty
-from cartpend_dae.discover.evidence import bic, cancelled, coloured_bic
+from cartpend_dae.discover.evidence import bic, cancelled, coloured_bic, ended_at_zero
 from cartpend_dae.discover.gate import is_clean, is_noise_alone
 from cartpend_dae.discover.nearest import NARROW, left_by, left_early, nearest
 from cartpend_dae.discover.nested import (
@@ -43,7 +43,6 @@ from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError
 from cartpend_dae.identify import Fit
-from cartpend_dae.uncertainty import Estimate
 
 # so many of the best predictions are fitted at the first stage, in so many steps; the best of them with less injection,
 # in so many steps
@@ -369,16 +368,8 @@ def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> 
 
 def is_absent(fit: Fit, insertion: Insertion) -> bool:
     """Return whether all sizes of an effect end on bounds that are not the other end of how much of it there can be."""
-    kind = insertion.place.kind
-    bounds = {f"{insertion.prefix}.{item.names[kind]}": item.bounds_at(kind) for item in insertion.parameters}
-    sizes = [e for e in fit.parameters if e.name in insertion.size_names]
-
-    def is_nothing(e: Estimate) -> bool:
-        low, high = bounds[e.name]
-        is_full = low == 0 and np.isfinite(high) and e.value > high / 2
-        return e.status == "at-bound" and not is_full
-
-    return bool(sizes) and all(map(is_nothing, sizes))
+    sizes = {e.name for e in fit.parameters if e.name in insertion.size_names}
+    return bool(sizes) and sizes <= ended_at_zero(fit, insertion)
 
 
 def _white_t(fit: Fit, insertion: Insertion) -> float:
