@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -49,6 +50,29 @@ def test_against_forces_a_model_that_leaves_noise_alone_ends_the_search(bench): 
     assert noise_alone(bench, found["quadratic_drag"], forces) is None
     assert noise_alone(bench, found["coulomb_friction"], replace(forces, alone=None)) is None
     assert noise_alone(bench, Base((), found["coulomb_friction"].fits), forces) is None
+
+
+@pytest.mark.parametrize("promises", [False, True])
+def test_what_noise_told_first_is_fitted_against_forces_in_any_case(bench, fitted, noise, monkeypatch, promises):  # noqa: F811
+    """An angle that comes 50 ms late promised nothing along the motion that the injection leads, and was left out."""
+    told = replace(fitted("sensor_delay", 9.0, 3000.0, RotaDamp(), "bearing.phi", T_d=0.05), begun={"T": 0.05})
+    seen = replace(told, parameters={"T": 0.001}, predicted=1e6 if promises else 0.0, why_not="" if promises else "no")
+    rules = Rules("forces", (2.0,), 2.0, np.array([1e-3]), told=(told,))
+    base = Base((), {2.0: noise}, weighed=SimpleNamespace())
+    began = []
+
+    def judged(at, taken, loads, weighed, candidate, sd, count):
+        began.append(candidate.parameters)
+        return replace(candidate, gain=9.0)
+
+    monkeypatch.setattr(trial, "screen", lambda *args, **kwargs: [seen])
+    monkeypatch.setattr(trial, "judge", judged)
+    ranked = trial.try_all(bench, base, rules, [])
+    assert began == [{"T": 0.001} if promises else {"T": 0.05}] and names(ranked) == ["sensor_delay"]
+    # beside another effect it is one of the others
+    began.clear()
+    trial.try_all(bench, replace(base, taken=(told.insertion,)), rules, [])
+    assert bool(began) is promises
 
 
 def test_starts_that_run_away_leave_the_others(bench, fitted, noise, monkeypatch):  # noqa: F811

@@ -184,6 +184,7 @@ def _against_forces(
             # what is so fast is faster than the usual steps, too
             rules, start = _forced(bench.on("weighed"), noise, without[0])
             seen = _uncovered(bench.on(rules.weighing), start, rules, library, log)
+        rules = replace(rules, told=tuple(step.candidate for step in found[:1]))
         against, is_clear = (rules, start), seen is not None and seen.is_clear
         if is_blind and not is_clear:
             rules, start = _disturbed(bench, noise, without[0], log, library)

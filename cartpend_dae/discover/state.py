@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cartpend_dae.discover.records import Regime
+from cartpend_dae.discover.records import Candidate, Regime
 from cartpend_dae.discover.weigh import Weighed
 from cartpend_dae.discover.workbench import Stride
 from cartpend_dae.effects import Insertion
@@ -36,7 +36,7 @@ class Rules:
     """How the regime fits and decides: `stages` of the base, the stage of screening, weights.
 
     Random forces may act as the `loads` do. `weighing` are the steps of the workbench on which models are weighed, and
-    `alone` are the rules where noise is all that is left.
+    `alone` are the rules where noise is all that is left; what was `told` there first is fitted whatever it promises.
     """
 
     regime: Regime
@@ -46,6 +46,7 @@ class Rules:
     loads: tuple[Insertion, ...] = ()
     weighing: Stride = None
     alone: "Rules | None" = None
+    told: tuple[Candidate, ...] = ()
 
     @property
     def descent(self) -> tuple[float, ...]:

@@ -73,7 +73,7 @@ def try_all(
     if rules.regime == "disturbances":
         return trials(bench, base.taken, base.fit, options, rules.sd)
     if rules.regime == "forces":
-        return weighed_trials(bench, base, rules, options, least=least)
+        return weighed_trials(bench, base, rules, options, pointed=() if base.taken else rules.told, least=least)
     return try_in_noise(bench, base, rules, options)[1]
 
 
@@ -171,7 +171,8 @@ def weighed_trials(
     """Screen all against random forces, fit the most promising of what must gain the `least`, and judge.
 
     Where only `rivals` (prefixes of effects) are to be confirmed, they are fitted with the first few others, each from
-    one start; those `pointed` at are fitted from the point of their first fit too, whatever they promise.
+    one start; those `pointed` at are fitted from the point of their first fit too, whatever they promise, and where
+    there are no rivals if they promise too little to be fitted else.
     """
     fit, weighed = base.fit, base.weighed
     assert weighed is not None
@@ -195,7 +196,11 @@ def weighed_trials(
 
     starts = few if rivals else with_others(few)
     known = {c.insertion.prefix: c for c in screened}
-    told = [replace(known.get(c.insertion.prefix, c), parameters=dict(c.begun), why_not="") for c in pointed if c.begun]
+    begun = set[str]() if rivals else {c.insertion.prefix for c in few}
+    pointed = tuple(c for c in pointed if c.begun and c.insertion.prefix not in begun)
+    told = [replace(known.get(c.insertion.prefix, c), parameters=dict(c.begun), why_not="") for c in pointed]
+    fitted = {c.insertion.prefix for c in told}
+    rest = [c for c in rest if c.insertion.prefix not in fitted]
     judged = each(bench, [*starts, *told], judged_at, "last fit")
     judged = best_of_each(judged, lambda c: -c.gain)
     again = restarted(judged, lambda c: c.gain if c.fit else -np.inf)
