@@ -92,6 +92,13 @@ def coasting_in_air(m, x0, v0, t, d2):
     return x0 + np.sign(v0) * m / d2 * np.log1p(d2 * abs(v0) * t / m)
 
 
+def coasting_under_power(m, x0, v0, t, d2, q, v_1):
+    """dv/dt = -k v^(2 + q) with k = d2/(m v_1^q), so that v^-(1 + q) grows by (1 + q) k each second."""
+    k, way = d2 / (m * v_1**q), np.sign(v0)
+    v = (abs(v0) ** -(1 + q) + (1 + q) * k * t) ** (-1 / (1 + q))
+    return x0 + way * (v**-q - abs(v0) ** -q) / (q * k)
+
+
 def cubic_oscillation(m, x0, v0, t, c3):
     return x0 * ellipj(x0 * np.sqrt(c3 / m) * t, 0.5)[1]
 
@@ -128,6 +135,8 @@ MOTIONS = [
     Motion("ViscousFriction", exponential_decay, {"d": 3.0}, 0.2, -1.0),
     Motion("QuadraticDrag", coasting_in_air, {"d2": 2.5}, 0.2, 1.0),
     Motion("QuadraticDrag", coasting_in_air, {"d2": 2.5}, 0.2, -1.0),
+    Motion("QuadraticDrag", coasting_under_power, {"d2": 2.5, "q": 0.6, "v_1": 0.7}, 0.2, 1.0),
+    Motion("QuadraticDrag", coasting_under_power, {"d2": 2.5, "q": -0.4, "v_1": 2.0}, 0.2, -1.0),
     Motion("CoulombFriction", sliding_to_rest, {"f_c": 2.0}, 0.2, 1.0),
     Motion("CoulombFriction", sliding_to_rest, {"f_c": 2.0}, 0.2, -1.0),
     Motion("Friction", exponential_decay, {"d": 3.0}, 0.2, 1.0),
@@ -161,7 +170,7 @@ class Domain:
 
     def make(self, motion: Motion) -> Component:
         name = self.friction if motion.element == "Friction" else motion.element
-        names = {"x_rel0": f"{self.x}_rel0", "f_0": f"{self.f}_0", "f_c": f"{self.f}_c"}
+        names = {"x_rel0": f"{self.x}_rel0", "f_0": f"{self.f}_0", "f_c": f"{self.f}_c", "v_1": f"{self.v}_1"}
         return getattr(self.module, name)(**{names.get(k, k): value for k, value in motion.parameters.items()})
 
     def relative(self, name: str, motion: Motion) -> str:

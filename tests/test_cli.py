@@ -133,16 +133,16 @@ def test_check_shows_all_equations_then_what_is_left():
     result = run("check", ROTA_DAMP)
     assert result.exit_code == 0
     for line in (
-        "flat equations (20):",
+        "flat equations (21):",
         "  bearing.tau = bearing.d*bearing.w    [bearing: equation 3]",
-        "RotaDamp: 5 components, 20 variables, 20 equations, 7 parameters",
+        "RotaDamp: 5 components, 21 variables, 21 equations, 7 parameters",
     ):
         assert line in result.stdout.splitlines()
     # which name of a quantity stands for its aliases is a matter of taste: counts and laws are not
     assert re.search(r"^eliminated, each as it follows from what is left \(\d+\):$", result.stdout, re.MULTILINE)
     assert "  states (2): " in result.stdout and re.search(r"equations left:\n(.*\n)*  rod: equation 6:", result.stdout)
     flat = result.stdout.split("eliminated")[0].splitlines()
-    assert sum("[" in line for line in flat) == 20
+    assert sum("[" in line for line in flat) == 21
 
 
 def test_check_tells_on_request_how_the_states_were_chosen():

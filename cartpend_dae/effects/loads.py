@@ -1,6 +1,6 @@
 """Forces and torques from outside."""
 
-from cartpend_dae.effects.card import Card, R, T, level, size, teeth, wave_number
+from cartpend_dae.effects.card import Card, R, T, level, shape, size, teeth, wave_number
 from cartpend_dae.library import rotational, rotational_loads, rotational_losses, translational, translational_loads
 
 
@@ -29,7 +29,7 @@ def load_cards() -> tuple[Card, ...]:
             summary="drag that grows with the square of the speed, as of air",
             insertion="parallel",
             components={R: rotational.QuadraticDrag, T: translational.QuadraticDrag},
-            parameters=(level("d2"),),
+            parameters=(level("d2"), shape("q", (0.0,), lower=-0.5, upper=1.5, corrects=True)),
             dissipative=True,
             nested_in=(),
             equivalent_to={},

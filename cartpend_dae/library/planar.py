@@ -297,4 +297,4 @@ class HangingRod(Component):
         yield self.shaft.tau == J * der(self.w) + S * cos * der(self.v) + S * self.g * sin
         upward = self.m * self.g + S * (sin * der(self.w) + cos * self.w**2)
         yield length_of(self.pivot.f, upward) == self.N
-        yield self.m * self.g * cos + S * self.w**2 == self.N_s
+        yield self.N_s == self.m * self.g * cos + S * self.w**2

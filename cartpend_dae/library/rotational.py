@@ -22,7 +22,7 @@ from cartpend_dae.language import (
     var,
 )
 from cartpend_dae.library import translational
-from cartpend_dae.library.friction import quadratic_drag, viscous_and_coulomb
+from cartpend_dae.library.friction import drag, viscous_and_coulomb
 
 
 class Flange(Port):
@@ -314,13 +314,15 @@ class ConstantLoad(Compliant):
 
 
 class QuadraticDrag(CompliantWithSpeed):
-    """Quadratic drag, tau = d2 w_rel |w_rel|."""
+    """Quadratic drag, tau = d2 w_rel |w_rel|, or another power of the speed, tau = d2 w_rel |w_rel| |w_rel/w_1|^q."""
 
     d2: Param = param(unit="N.m.s2/rad2", default=0.0, min=0, doc="drag coefficient")
+    q: Param = param(unit="1", default=0.0, min=-0.5, max=1.5, doc="by how much its power is more than 2")
+    w_1: Param = param(unit="rad/s", default=1.0, min=0, doc="speed at which the power does not matter")
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.tau == quadratic_drag(self.w_rel, self.d2)
+        yield self.tau == drag(self.w_rel, self.d2, self.q, self.w_1)
 
 
 class CubicStiffness(Compliant):

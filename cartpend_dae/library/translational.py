@@ -19,7 +19,7 @@ from cartpend_dae.language import (
     signal,
     var,
 )
-from cartpend_dae.library.friction import quadratic_drag, viscous_and_coulomb
+from cartpend_dae.library.friction import drag, viscous_and_coulomb
 
 
 class Flange(Port):
@@ -257,13 +257,15 @@ class ConstantLoad(Compliant):
 
 
 class QuadraticDrag(CompliantWithSpeed):
-    """Quadratic drag, f = d2 v_rel |v_rel|."""
+    """Quadratic drag, f = d2 v_rel |v_rel|, or another power of the speed, f = d2 v_rel |v_rel| |v_rel/v_1|^q."""
 
     d2: Param = param(unit="N.s2/m2", default=0.0, min=0, doc="drag coefficient")
+    q: Param = param(unit="1", default=0.0, min=-0.5, max=1.5, doc="by how much its power is more than 2")
+    v_1: Param = param(unit="m/s", default=1.0, min=0, doc="speed at which the power does not matter")
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.f == quadratic_drag(self.v_rel, self.d2)
+        yield self.f == drag(self.v_rel, self.d2, self.q, self.v_1)
 
 
 class CubicStiffness(Compliant):
