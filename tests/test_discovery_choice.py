@@ -753,6 +753,18 @@ def test_against_forces_what_gains_less_than_a_third_of_the_laws_found_is_their_
     assert not any(c.why_not for c in beyond_shape([little, more], []))
 
 
+def test_a_plainer_law_starts_from_a_richer_one_with_each_of_its_corrections(fitted):
+    """A chain that hardens was called one that sags: from a start without hardening its fit had gone elsewhere."""
+    rig, at = DrivenCart(), "inertial.flange_b"
+    sags = fitted("chain_tension_friction", 0.0, 100.0, rig, at, h=3e-5, e=0.0, f_p=50.0)
+    gives_way = fitted("compliance", 0.0, 900.0, rig, at, h=1e-8, w_c=10.0, D=0.2, n=0.0)
+    again = simplified([gives_way, sags], left_by)
+    own_values = [{k.rpartition(".")[2]: v for k, v in own(c).parameters.items()} for c in again]
+    assert [values["n"] for values in own_values] == [0.0, 0.05]
+    assert {values["h"] for values in own_values} == {3e-5}
+    assert not simplified([replace(gives_way, fit=replace(gives_way.fit, chi2=150.0)), sags], left_by)
+
+
 def test_coulomb_friction_creeps_where_a_richer_law_is_weaker_at_rest(fitted):
     """A contact that yields before it slides sticks nowhere; other effects had taken up what rounds its corner."""
     sharp = fitted("coulomb_friction", 0.0, 900.0, tau_c=0.3)

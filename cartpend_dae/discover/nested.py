@@ -69,7 +69,7 @@ def simplified(
     is_behind: Callable[[float, float], bool] = lambda plain, rich: plain >= MUCH * rich,
     new: frozenset[str] | None = None,
 ) -> list[Candidate]:
-    """Return the plainer ones of some candidates from the best richer one: its whole fit, and each choice.
+    """Return the plainer ones of some candidates from the best richer one: its whole fit, each choice and correction.
 
     Those that leave much more than it does, and those whose fit is not what they are called; and such as stick, where
     the data tell that a richer law is weaker at rest.
@@ -97,7 +97,7 @@ def simplified(
             continue
         values = shared(plain.insertion, rich)
         if values and (is_behind(left(plain), left(rich)) or contradicts(plain)):
-            options = each_choice(plain) + (_creeping(plain, rich) if contradicts(rich) else [])
+            options = each_choice(plain) + _corrected(plain) + (_creeping(plain, rich) if contradicts(rich) else [])
             found += _from(rich, values, options)
         elif plain.insertion.card.creeping is not None:
             weak = [c for c in fitted if c.fit is not None and holds(c, plain) and contradicts(c)]
@@ -105,6 +105,14 @@ def simplified(
             if weaker is not None and _is_told(left(plain), left(weaker), weaker):
                 found += _from(weaker, shared(plain.insertion, weaker), _creeping(plain, weaker))
     return found
+
+
+def _corrected(plain: Candidate) -> list[Candidate]:
+    """Return a law from the other starts of its corrections: the richer one may have had the shape in its own law."""
+    kind, prefix = plain.insertion.place.kind, plain.insertion.prefix
+    items = [item for item in plain.insertion.card.parameters if item.corrects]
+    starts = [(f"{prefix}.{item.names[kind]}", start) for item in items for start in item.starts_at(kind)[1:]]
+    return [replace(plain, parameters={**plain.parameters, name: start}, others=()) for name, start in starts]
 
 
 def _from(rich: Candidate, values: Mapping[str, float], options: list[Candidate]) -> list[Candidate]:
