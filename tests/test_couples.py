@@ -13,7 +13,7 @@ from cartpend_dae.data import Channel, Experiment, Start
 from cartpend_dae.discover import revise
 from cartpend_dae.discover.bases import fit_base, noise_rules
 from cartpend_dae.discover.choice import step_of
-from cartpend_dae.discover.couple import _whole, couple
+from cartpend_dae.discover.couple import _whole, couple, plainer, simpler
 from cartpend_dae.discover.evidence import bic
 from cartpend_dae.discover.gate import is_noise_alone, residuals
 from cartpend_dae.discover.promising import Couple
@@ -133,6 +133,17 @@ def test_a_couple_that_leaves_noise_is_not_looked_at_again(gentle, monkeypatch):
     base, steps = made_of(bench, rules, *parts, tau_c=0.004, c3=0.1)
     monkeypatch.setattr(revise, "try_all", lambda *a: pytest.fail("it was"))
     assert swap(bench, base, steps, rules, library, whole=True) == (base, steps)
+
+
+def test_a_plainer_law_that_is_in_the_model_besides_is_not_put_in_twice(gentle):
+    """A spring beside a weight off the axis, which is plainer, was to be that weight: the search ended with a fault."""
+    bench, rules, _ = gentle
+    parts = ("asymmetric_friction", "bearing"), ("coulomb_friction", "bearing")
+    base, steps = made_of(bench, rules, *parts, tau_c=0.002, tau_c_pos=0.002, tau_c_neg=0.002)
+    law = steps[1].candidate
+    assert plainer(steps[0], [law]) == [law]
+    assert plain(bench, base, steps, rules, [law], np.inf) == (base, steps)
+    assert simpler(bench, base, rules, steps, [replace(law, why_not="refused")], [law]) is None
 
 
 def test_a_plainer_law_begins_far_off_where_the_richer_one_took_up_the_viscous_friction(strong):

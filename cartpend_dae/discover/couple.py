@@ -273,7 +273,8 @@ def simpler(
     for step in steps:
         rich, others = step.candidate, [s for s in steps if s is not step]
         taken = tuple(s.candidate.insertion for s in others)
-        plain = plainer(step, tried)
+        there = {insertion.prefix for insertion in taken}
+        plain = [c for c in plainer(step, tried) if c.insertion.prefix not in there]
         couples = [
             Couple(one, other, 0.0, {**other.fit.point, **as_plain(one.insertion, rich)})
             for other in refused

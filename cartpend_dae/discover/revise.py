@@ -94,8 +94,9 @@ def plain(
     for old in list(steps):
         rich = replace(old.candidate, fit=base.fit)
         others = tuple(i for i in base.taken if i.prefix != rich.insertion.prefix)
+        there = {i.prefix for i in others}
         for law in sorted(plainer(old, tried), key=_size):
-            if _size(law) >= _size(rich):
+            if _size(law) >= _size(rich) or law.insertion.prefix in there:
                 continue
             values = shared(law.insertion, rich)
             together = (*others, law.insertion)
