@@ -1,6 +1,6 @@
 """What goes wrong between a quantity and its record."""
 
-from cartpend_dae.effects.card import Card, choice, instant, level, size, step, wave_number
+from cartpend_dae.effects.card import Card, choice, instant, level, shape, size, step, wave_number
 from cartpend_dae.library import signal_errors, signals
 
 # largest error of the rate of a recorder's clock: a crystal is wrong by 1e-4, a loop that waits too long by per cents
@@ -28,13 +28,13 @@ def sensor_cards() -> tuple[Card, ...]:
             summary="a sensor whose scale is wrong",
             insertion="sensor",
             components={None: signal_errors.SensorGain},
-            parameters=(size("e", lower=-0.9, upper=1.0),),
+            parameters=(size("e", lower=-0.9, upper=1.0), shape("k", (0.0,), lower=0.0, corrects=True)),
             dissipative=False,
             nested_in=("current_sensor_error",),
             equivalent_to={"input_gain": "a linear model with one sensor, driven from rest"},
             regressors=("x",),
             excited_by="a known displacement, or nonlinear motion at two amplitudes",
-            source="y = (1 + e) x",
+            source="y = (1 + e) x; an error that fades is the first rational one that is even and bounded",
         ),
         Card(
             id="sensor_nonlinearity",

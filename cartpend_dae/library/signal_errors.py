@@ -16,12 +16,13 @@ FLAT = 1e-6
 
 
 class SensorGain(Block):
-    """Scale error of a sensor, y = (1 + e) u."""
+    """Scale error of a sensor, y = (1 + e) u, which may fade with what is measured: y = u + e u/(1 + k u^2)."""
 
     e: Param = param(unit="1", default=0.0, min=-1, doc="relative error")
+    k: Param = param(unit="1", default=0.0, min=0, doc="by how much it fades, in the inverse square of the unit of u")
 
     def equations(self) -> Statements:
-        yield self.y == (1 + self.e) * self.u
+        yield self.y == self.u + self.e * self.u / (1 + self.k * self.u**2)
 
 
 class CurrentSensorError(Block):
