@@ -13,7 +13,7 @@ from cartpend_dae.data import Channel, Experiment, Start
 from cartpend_dae.discover import revise
 from cartpend_dae.discover.bases import fit_base, noise_rules
 from cartpend_dae.discover.choice import step_of
-from cartpend_dae.discover.couple import _whole, couple, plainer, simpler
+from cartpend_dae.discover.couple import _made, _whole, couple, plainer, simpler
 from cartpend_dae.discover.evidence import bic
 from cartpend_dae.discover.gate import is_noise_alone, residuals
 from cartpend_dae.discover.promising import Couple
@@ -76,6 +76,23 @@ def test_a_law_each_way_gives_its_place_to_coulomb_friction_where_both_ways_are_
     assert {i.prefix for i in after.taken} == {"bearing.quadratic_drag", "bearing.coulomb_friction"}
     assert is_noise_alone(after.fit) and bic(after.fit) < bic(fit)
     assert plain(bench, after, found, rules, [each_way, drag, coulomb], np.inf) == (after, found)
+
+
+def test_an_effect_that_ends_on_its_bounds_is_none_of_a_couple(gentle):
+    """A clock that ran wrong by all that one may had come beside a gap (reported seed 1126, linear cart)."""
+    bench, rules, _ = gentle
+    base, steps = made_of(bench, rules, ("coulomb_friction", "bearing"), ("cubic_stiffness", "bearing"), tau_c=0.004)
+    one, other = (step.candidate for step in steps)
+    without = fit_base(bench, (), {}, rules)
+    without = replace(without, bare=without.fit.chi2)
+    pair = Couple(one, other, 0.0, {}, fit=base.fit)
+    made = _made(bench, without, rules, pair, [])
+    assert made is not None and len(made[1]) == 2
+    held = [
+        replace(e, status="at-bound") if e.name in other.insertion.parameter_names else e for e in base.fit.parameters
+    ]
+    at_bound = replace(pair, fit=replace(base.fit, parameters=tuple(held)))
+    assert _made(bench, without, rules, at_bound, []) is None
 
 
 def made_of(bench, rules, *parts, **values):

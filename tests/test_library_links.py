@@ -56,6 +56,27 @@ def test_a_gap_is_taken_up_at_its_flanks_or_gradually(domain, r, load):
         assert abs(x) == pytest.approx(1 + abs(load) / 4.5, rel=1e-6)
 
 
+@pytest.mark.parametrize("D", [1.0, 0.3])
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_a_gap_swings_on_its_flank_as_a_damped_oscillator(domain, D):
+    """x'' = w_c^2 (9 - 9 (x - 1)) - 4 D w_c x' about x = 2: at 3 w_c, with the damping ratio 2 D/3."""
+    module, links, _, effort, constant = DOMAINS[domain]
+    ground, against = module.Fixed(), module.ConstantLoad(**{constant: -4.5})
+    link = links.Backlash(b=0.04, w_c=60.0, D=D, **{f"{effort}_r": 0.5})
+    model = joined(
+        (ground.flange, link.flange_a, against.flange_a),
+        (link.flange_b, against.flange_b),
+        ground=ground,
+        link=link,
+        against=against,
+    )
+    result = simulate(model, 0.1, points=101, rtol=1e-10, start={"link.x": 2.5, "link.xd": 0.0})
+    w, ratio = 180.0, 2 * D / 3
+    turn = np.sqrt(1 - ratio**2) * w * result.time
+    decay = np.exp(-ratio * w * result.time) * (np.cos(turn) + ratio / np.sqrt(1 - ratio**2) * np.sin(turn))
+    np.testing.assert_allclose(result["link.x"], 2 + 0.5 * decay, atol=1e-7)
+
+
 @pytest.mark.parametrize("n", [0.0, 50.0])
 def test_a_rod_that_bends_further_swings_faster(n):
     """With its shaft held the mode is the oscillator of G. Duffing (1918), whose solution is Jacobi's cn."""

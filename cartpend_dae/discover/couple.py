@@ -24,7 +24,7 @@ from cartpend_dae.discover.screen import UNSEEN
 from cartpend_dae.discover.shape import is_far_from_noise, is_left_to_shape, is_shape_error, leaves_little
 from cartpend_dae.discover.shortlist import chosen
 from cartpend_dae.discover.state import Base, Rules
-from cartpend_dae.discover.trial import MIN_BIC_GAIN
+from cartpend_dae.discover.trial import MIN_BIC_GAIN, is_absent
 from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import UNSOLVED, SolverError
@@ -347,13 +347,13 @@ def _made(
 ) -> tuple[Base, list[Step]] | None:
     """Return the model with a couple in it, if neither effect can be left out, nor is the shape of one law.
 
-    What is left without one of them must be more than laws may be wrong by, or both together have no more parameters
-    than the law that explains most alone. Where one does it alone from here, which it did not from its own starts, it
-    is taken.
+    Neither may end on its bounds. What is left without one of them must be more than laws may be wrong by, or both
+    together have no more parameters than the law that explains most alone. Where one does it alone from here, which it
+    did not from its own starts, it is taken.
     """
     fit, parts = both.fit, (both.one, both.other)
     assert fit is not None
-    if any(bench.contradiction(part.insertion, fit.values) for part in parts):
+    if any(bench.contradiction(part.insertion, fit.values) or is_absent(fit, part.insertion) for part in parts):
         return None
     if cancelled(fit, parts[0].insertion, (*base.taken, parts[1].insertion)):
         return None

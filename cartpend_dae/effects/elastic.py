@@ -217,6 +217,7 @@ def elastic_cards() -> tuple[Card, ...]:
                 level("b"),
                 shape("tau_r", (0.02, 0.2), ("f_r", (2.0, 20.0))),
                 shape("r", (0.0, 0.3), lower=0.0, corrects=True),
+                shape("D", (1.0,), corrects=True),
                 choice("w_c", (200.0,)),
             ),
             dissipative=False,

@@ -93,7 +93,7 @@ class BaseCompliance(Link):
 
 
 class Backlash(Link):
-    """Backlash, q = b x/2, der(der(x)) = w_c^2 (tau/tau_r - 9 e) - 4 w_c min(1, 9 |e|) der(x), e = x beyond -1 to 1.
+    """Backlash, q = b x/2, der(der(x)) = w_c^2 (tau/tau_r - 9 e) - 4 D w_c min(1, 9 |e|) der(x), e = x beyond -1 to 1.
 
     x is the place in the gap of the total width b, and -1 and 1 are its flanks. In the gap the torque is only that of
     an inertance 2 tau_r/(b w_c^2), so tau_r is to be small against what is passed on; the flanks are springs of
@@ -108,6 +108,7 @@ class Backlash(Link):
     tau_r: Param = param(unit="N.m", default=0.05, min=0, doc="torque that carries it through the gap within 1/w_c")
     w_c: Param = param(unit="rad/s", default=100.0, min=0, doc="rate at which the gap is crossed")
     r: Param = param(unit="1", default=0.0, min=0, doc="width over which contact sets in, in units of x")
+    D: Param = param(unit="1", default=1.0, min=0, doc="damping of the flanks, 1.5 times their damping ratio")
     T_0: Param = param(unit="s", default=SHORTEST, min=0, doc="shortest time of change", is_shortest_time=True)
 
     def equations(self) -> Statements:
@@ -119,7 +120,7 @@ class Backlash(Link):
         push = self.tau / self.tau_r - 9 * depth
         touch = ca.fmin(1, 9 * ca.fabs(depth))
         w_c = self.w_c / ca.fmax(1, 3 * self.w_c * self.T_0)
-        yield der(self.xd) == w_c * (w_c * push - 4 * touch * self.xd)
+        yield der(self.xd) == w_c * (w_c * push - 4 * self.D * touch * self.xd)
 
 
 class LoadDependentFriction(Component):
