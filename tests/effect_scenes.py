@@ -121,7 +121,7 @@ SIZES = {
     "r_2": 0.002,
 }  # fmt: skip
 OTHER_SIZES = {
-    ("linear_stiffness", T): {"c": 200.0},
+    ("linear_stiffness", T): {"c": 200.0, "k": 30.0},
     ("one_sided_spring", R): {"e": 0.8, "phi_0": 0.2},
     ("one_sided_spring", T): {"e": 0.8, "s_0": 0.02},
     ("end_stop", T): {"c": 1e4, "s_m": 0.05},

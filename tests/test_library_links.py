@@ -77,6 +77,26 @@ def test_a_gap_swings_on_its_flank_as_a_damped_oscillator(domain, D):
     np.testing.assert_allclose(result["link.x"], 2 + 0.5 * decay, atol=1e-7)
 
 
+@pytest.mark.parametrize("p", [0.0, 0.5, -0.4])
+def test_a_chain_rubs_by_a_power_of_the_force_in_it(p):
+    """A mass is pulled through a chain that does not give way: F less e (f_p + F (F/100)^p), from rest."""
+    module, links, _, _, _ = DOMAINS["translational"]
+    ground, pull, mass = module.Fixed(), module.ConstantLoad(f_0=-40.0), module.Mass(m=2.0)
+    chain = links.ChainTensionFriction(e=0.2, f_p=10.0, p=p)
+    model = joined(
+        (ground.flange, pull.flange_a),
+        (pull.flange_b, chain.flange_a),
+        (chain.flange_b, mass.flange_a),
+        ground=ground,
+        pull=pull,
+        chain=chain,
+        mass=mass,
+    )
+    result = simulate(model, 1.0, points=11, rtol=1e-9, start={"mass.s": 0.0, "mass.v": 0.0})
+    speed = (40.0 - 0.2 * (10.0 + 40.0 * 0.4**p)) / 2.0 * result.time
+    np.testing.assert_allclose(result["mass.v"][1:], speed[1:], rtol=1e-3)  # its load has a lag of 0.5 ms
+
+
 @pytest.mark.parametrize("n", [0.0, 50.0])
 def test_a_rod_that_bends_further_swings_faster(n):
     """With its shaft held the mode is the oscillator of G. Duffing (1918), whose solution is Jacobi's cn."""

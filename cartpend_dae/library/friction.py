@@ -30,13 +30,18 @@ def viscous_and_coulomb(component: Component, speed: ca.SX, d: ca.SX, coulomb: s
     return d * speed + dry_friction(speed, getattr(component, coulomb))
 
 
-# speed below which a power of it is rounded, so that it has a slope with respect to its exponent at rest; in parts
-AT_REST = 1e-4
+# value below which a power of it is rounded, so that it has a slope with respect to its exponent at zero; in parts
+AT_ZERO = 1e-4
+
+
+def growing(value: ca.SX, q: ca.SX, one: ca.SX) -> ca.SX:
+    """Return |x| |x/x_1|^q, a value that grows with a power, which does not matter at x_1."""
+    return ca.fabs(value) * ((value / one) ** 2 + AT_ZERO**2) ** (q / 2)
 
 
 def drag(speed: ca.SX, d2: ca.SX, q: ca.SX, v_1: ca.SX) -> ca.SX:
     """Return d2 v |v| |v/v_1|^q, q = 0 for the drag of a blunt body; d2 in [N.s2/m2 or N.m.s2/rad2], that at v_1."""
-    return d2 * speed * ca.fabs(speed) * ((speed / v_1) ** 2 + AT_REST**2) ** (q / 2)
+    return d2 * speed * growing(speed, q, v_1)
 
 
 def check_rows(component: str, name: str, rows: tuple[tuple[float, ...], ...], *, columns: int = 2) -> None:

@@ -343,7 +343,11 @@ class LinearStiffness(Compliant):
 
     c: Param = param(unit="N.m/rad", default=0.0, doc="stiffness")
     tau_0: Param = param(unit="N.m", default=0.0, doc="preload, towards larger phi_rel")
+    k: Param = param(
+        unit="1/rad2", default=0.0, min=0, doc="softening: inverse square of the angle at which it has set in"
+    )
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.tau == self.c * self.phi_rel - self.tau_0
+        x = self.phi_rel
+        yield self.tau == self.c * x / (1 + self.k * x**2) ** 0.5 - self.tau_0

@@ -286,7 +286,11 @@ class LinearStiffness(Compliant):
 
     c: Param = param(unit="N/m", default=0.0, doc="stiffness")
     f_0: Param = param(unit="N", default=0.0, doc="preload, towards larger s_rel")
+    k: Param = param(
+        unit="1/m2", default=0.0, min=0, doc="softening: inverse square of the stretch at which it has set in"
+    )
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.f == self.c * self.s_rel - self.f_0
+        x = self.s_rel
+        yield self.f == self.c * x / (1 + self.k * x**2) ** 0.5 - self.f_0

@@ -14,6 +14,7 @@ otherwise it starts at ease, in the middle of a gap.
 import casadi as ca
 
 from cartpend_dae.language import Component, Param, Statements, der, dry_friction, initial, param, port, var
+from cartpend_dae.library.friction import growing
 from cartpend_dae.library.laws import SHORTEST, hardened, past_gap, softer
 from cartpend_dae.library.translational import Flange
 
@@ -190,7 +191,8 @@ class ChainTensionFriction(Link):
 
     It gives way by h under small forces and less under large ones, which pull it straight; f_p is its pre-tension.
     Bearings under the tension f_p + |z| add the friction e (f_p + |z|) sgn v against ground, with exact sticking; z
-    follows f with the lag T_f, so that friction does not depend on itself at the same instant.
+    follows f with the lag T_f, so that friction does not depend on itself at the same instant. It may grow with a power
+    of the force, e (f_p + |z| |z/f_1|^p).
     """
 
     v = var(unit="m/s", doc="speed of flange b against ground")
@@ -201,6 +203,8 @@ class ChainTensionFriction(Link):
     h: Param = param(unit="m/N", default=0.0, min=0, doc="compliance at small forces")
     e: Param = param(unit="1", default=0.0, min=0, max=1, doc="friction per tension")
     f_p: Param = param(unit="N", default=50.0, min=0, doc="pre-tension")
+    p: Param = param(unit="1", default=0.0, min=-0.5, max=1.0, doc="by how much its power is more than 1")
+    f_1: Param = param(unit="N", default=100.0, min=0, doc="force at which the power does not matter")
     w_c: Param = param(unit="rad/s", default=200.0, min=0, doc="cut-off, above which it is rigid")
     D: Param = param(unit="1", default=0.2, min=0, doc="damping ratio at w_c")
     T_f: Param = param(unit="s", default=SHORTEST, min=0, doc="lag of the tension", is_shortest_time=True)
@@ -216,4 +220,5 @@ class ChainTensionFriction(Link):
         yield self.T_f * der(self.z) == self.f - self.z
         yield initial(self.z == self.f, fixed=False)
         yield self.v == der(self.flange_b.s)
-        yield self.f_f == dry_friction(self.v, self.e * (self.f_p + ca.fabs(self.z)))
+        carried = growing(self.z, self.p, self.f_1)
+        yield self.f_f == dry_friction(self.v, self.e * (self.f_p + carried))
