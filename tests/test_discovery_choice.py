@@ -583,6 +583,18 @@ def test_what_says_the_same_in_the_rig_comes_before_the_clock_of_the_recorder(be
     assert names(ordered_by_bic(bench, [clock, worse], base, rules)) == ["clock_drift", "added_inertia"]
 
 
+def test_what_a_clock_leaves_is_no_shape_of_its_law(bench, plain_fit, fitted):
+    """A spring with elastic friction had been called the clock, which leaves more than a spring (tuning seed 93)."""
+    n = plain_fit.n_residuals
+    base = Base((), {0.0: replace(plain_fit, chi2=250.0 * n)}, 250.0 * n)
+    rules = Rules("noise", (0.0,), 0.0, np.array([1e-3]))
+    spring = fitted("linear_stiffness", 3200.0, 1.7 * n, c=0.004, tau_0=0.001)
+    for effect, at, size in (("clock_drift", "time", "e"), ("quadratic_drag", "bearing", "d2")):
+        plain = fitted(effect, 3000.0, 1.8 * n, at=at, **{size: 0.003})
+        first = "linear_stiffness" if effect == "clock_drift" else effect
+        assert names(ordered_by_bic(bench, [spring, plain], base, rules))[0] == first
+
+
 def test_ten_more_are_fitted_where_the_first_ten_explain_little(monkeypatch, bench, plain_fit, fitted):
     n = plain_fit.n_residuals
     at = [fitted("cubic_stiffness", 0.0, 0.0), *(fitted("constant_load", 0.0, 0.0) for _ in range(trials.WIDE))]
@@ -756,7 +768,7 @@ def test_against_forces_what_gains_less_than_a_third_of_the_laws_found_is_their_
 def test_a_plainer_law_starts_from_a_richer_one_with_each_of_its_corrections(fitted):
     """A chain that hardens was called one that sags: from a start without hardening its fit had gone elsewhere."""
     rig, at = DrivenCart(), "inertial.flange_b"
-    sags = fitted("chain_tension_friction", 0.0, 100.0, rig, at, h=3e-5, e=0.0, f_p=50.0)
+    sags = fitted("chain_tension_friction", 0.0, 100.0, rig, at, h=3e-5, e=0.0, f_p=50.0, p=0.0)
     gives_way = fitted("compliance", 0.0, 900.0, rig, at, h=1e-8, w_c=10.0, D=0.2, n=0.0)
     again = simplified([gives_way, sags], left_by)
     own_values = [{k.rpartition(".")[2]: v for k, v in own(c).parameters.items()} for c in again]

@@ -160,7 +160,9 @@ def _in_the_rig(tied: list[Candidate]) -> Candidate:
 
 
 def _is_shapeless(candidate: Candidate, judged: list[Candidate], base: Base) -> bool:
-    """Return whether a candidate explains nearly as much as any, and none explains all."""
+    """Return whether a candidate explains nearly as much as any, none explains all, and its law may have its shape."""
+    if candidate.insertion.card.is_exact:
+        return False
     good = [c for c in judged if c.fit is not None and not c.why_not]
     best = min(good, key=lambda c: c.fit.chi2 if c.fit else np.inf)
     assert candidate.fit is not None and best.fit is not None

@@ -102,6 +102,8 @@ class Card:
         Of a law: the parameter of the host that it multiplies, and {input of the effect: variable of the host}.
     units
         Of a sensor or an input: units that it may have; all, if empty.
+    is_exact
+        It is one number that is wrong, and no law whose shape may be another: what it leaves is something else.
     is_linear
         The motion's equations are linear in all its sizes.
     takes
@@ -143,6 +145,7 @@ class Card:
     constant: str = ""
     reads: Mapping[str, str] = field(default_factory=dict)
     units: tuple[str, ...] = ()
+    is_exact: bool = False
     is_linear: bool = True
     takes: Mapping[Kind, Mapping[str, str]] = field(default_factory=dict)
     along: Mapping[Kind, str] = field(default_factory=dict)

@@ -93,6 +93,7 @@ def sensor_cards() -> tuple[Card, ...]:
             regressors=("t v",),
             excited_by="a long record of motion whose pace is known: by a weight and an inertia, or a known drive",
             source="dx/dt_s = (1 + e) dx/dt, exactly: the whole model in the recorder's time",
+            is_exact=True,
             is_linear=False,
         ),
         Card(
