@@ -59,7 +59,7 @@ def sensor_cards() -> tuple[Card, ...]:
             summary="a sensor or filter that lags behind or comes late",
             insertion="sensor",
             components={None: signal_errors.SensorDelay},
-            parameters=(level("T_d"), choice("k", (1.0, 2.0))),
+            parameters=(level("T_d"), shape("k", (1.0, 2.0), lower=1.0, upper=2.0, corrects=True)),
             dissipative=False,
             nested_in=(),
             equivalent_to={"input_delay": "a linear model with one sensor, driven from rest"},
