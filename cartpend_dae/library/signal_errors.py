@@ -54,8 +54,9 @@ class SensorDelay(Block):
     """Lag or dead time of a sensor, y = u - T_d (u - x)/T_f, T_f der(x) = u - x, T_f near T_d/k.
 
     k = 1 is the lag 1/(1 + T_d s) of first order, as of a filter; k = 2 is the Pade approximation of exp(-T_d s), for
-    a value that comes late as it was; n equal lags in a row are k = 2 n/(n + 1) to the second order of s. The lag grows from a floor T_0, so that from a delay of twice the floor on, less
-    than 1 % of a jump passes the lag at once. T_d = 0 is none at all.
+    a value that comes late as it was; n equal lags in a row are k = 2 n/(n + 1) to the second order of s. The lag grows
+    from a floor T_0, so that from a delay of twice the floor on, less than 1 % of a jump passes it at once. T_d = 0 is
+    none at all.
     """
 
     x = var(unit="1", doc="state of the lag")
