@@ -140,11 +140,11 @@ def test_a_law_with_a_frequency_of_its_own_is_tried_with_a_lower_and_a_higher_on
 def test_a_gap_is_tried_with_other_widths_and_flanks():
     """Its impacts pass in another order from there: a width of 1.8 mm was left for 2.3 mm from no other start."""
     gap = insertion_at(LinearDampMod(), "backlash", "inertial.flange_b")
-    width, push, rounding = gap.parameter_names
-    point = {"rail.d": 30.0, width: 0.002, push: 10.0, rounding: 0.1}
+    width, push, rounding, damping = gap.parameter_names
+    point = {"rail.d": 30.0, width: 0.002, push: 10.0, rounding: 0.1, damping: 0.6}
     points = with_gaps(gap, point)
     assert points[0] == point and len(points) == 1 + len(WIDTHS) * len(PUSHES)
     assert {(one[width] / 0.002, one[push] / 10.0) for one in points[1:]} == {*product(WIDTHS, PUSHES)}
-    assert all((one["rail.d"], one[rounding]) == (30.0, 0.1) for one in points)
+    assert all((one["rail.d"], one[rounding], one[damping]) == (30.0, 0.1, 0.6) for one in points)
     friction = insertion_at(LinearDampMod(), "coulomb_friction", "rail")
     assert with_gaps(friction, friction.starts) == [friction.starts]

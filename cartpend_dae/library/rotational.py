@@ -339,7 +339,10 @@ class CubicStiffness(Compliant):
 
 
 class LinearStiffness(Compliant):
-    """Linear stiffness, tau = c phi_rel - tau_0, at rest at tau_0/c; negative weakens a spring beside it."""
+    """Linear stiffness, tau = c phi_rel - tau_0, at rest at tau_0/c; negative weakens a spring beside it.
+
+    It may soften: tau = c x/(1 + k x^2)^0.5 - tau_0, x = phi_rel.
+    """
 
     c: Param = param(unit="N.m/rad", default=0.0, doc="stiffness")
     tau_0: Param = param(unit="N.m", default=0.0, doc="preload, towards larger phi_rel")

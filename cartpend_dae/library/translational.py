@@ -282,7 +282,10 @@ class CubicStiffness(Compliant):
 
 
 class LinearStiffness(Compliant):
-    """Linear stiffness, f = c s_rel - f_0, at rest at f_0/c; negative weakens a spring beside it."""
+    """Linear stiffness, f = c s_rel - f_0, at rest at f_0/c; negative weakens a spring beside it.
+
+    It may soften: f = c x/(1 + k x^2)^0.5 - f_0, x = s_rel.
+    """
 
     c: Param = param(unit="N/m", default=0.0, doc="stiffness")
     f_0: Param = param(unit="N", default=0.0, doc="preload, towards larger s_rel")
