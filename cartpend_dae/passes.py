@@ -11,14 +11,17 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from cartpend_dae.compiled import Use, compiled, compiled_before
+from cartpend_dae.compiled import Level, Use, compiled, compiled_before
 from cartpend_dae.stepping import Step, runge_kutta
 from cartpend_dae.transcribe import Layout, parameter_function, seen, sized_parameters, weighed
 
-# a part of a step takes 2 ns for each of its operations as CasADi evaluates it and 0.2 ns as machine code, which takes
-# the compiler 0.25 ms for each: after so many parts, those of earlier processes included, it would have paid (measured
-# on 30 models of the driven cart)
-WORTH = 150_000
+# machine code that is made in less than half the time, and takes 6 % longer (31 passes of the driven cart)
+QUICK: Level = "g"
+# a part of a step takes CasADi 2 to 12 us, a tenth of that as machine code, which takes the compiler 0.1 s to 0.3 s:
+# after so many parts, those of earlier processes included, it would have paid (the same passes)
+WORTH = 50_000
+# what a fit uses it uses in each of its steps, so often with the next fit, which goes on from there
+TIMES_IN_FIT = {"slope": 8, "value": 8}
 # from so many parts on it is worth to ask whether it was compiled before; how many there were is kept when there are so
 # many times those kept last
 ASKED, AGAIN = 1_000, 2
@@ -66,9 +69,10 @@ class Passes:
         if name in self._machine_code:
             return self._machine_code[name]
         before = self._parts.get(name, 0)
-        now = before + n_segments * self.layout.length * self.layout.substeps
+        these = n_segments * self.layout.length * self.layout.substeps
+        now = before + these
         if before <= ASKED < now:
-            found, self._uses[name] = compiled_before(function)
+            found, self._uses[name] = compiled_before(function, QUICK)
             if found is not None:
                 self._machine_code[name] = found
                 return found
@@ -79,8 +83,8 @@ class Passes:
                 use.note(now)
                 self._noted[name] = now
         self._parts[name] = now
-        if now > WORTH:
-            self._machine_code[name] = compiled(function)
+        if now + (TIMES_IN_FIT.get(name, 1) - 1) * these > WORTH:
+            self._machine_code[name] = compiled(function, optimisation=QUICK)
         return self._machine_code.get(name, function)
 
     @cached_property

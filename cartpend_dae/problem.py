@@ -1,6 +1,7 @@
 """What is to be estimated, on which runs, from where: checked against the model once, solved as often as needed."""
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,15 +19,14 @@ from cartpend_dae.passes import Passes
 from cartpend_dae.programme import programme
 from cartpend_dae.singular import check_regular
 from cartpend_dae.starts import begin_function, run_start
-from cartpend_dae.stepping import LONGEST, shortest_times
+from cartpend_dae.stepping import shortest_times
+from cartpend_dae.strides import substeps
 from cartpend_dae.system import System
 from cartpend_dae.transcribe import SEGMENT, Layout, RunStart, Slot
 from cartpend_dae.unknowns import Free, Prior, Tie
 
 # what is built of a problem and depends on where its runs start
 _OF_STARTS = ("starts", "begins", "start_places", "programme")
-# shortest times while the fastest motion of the model without them is sought [s]
-SLOW = 1.0
 
 
 @dataclass(frozen=True)
@@ -76,13 +76,21 @@ class Problem:
             ties=self.ties,
             outputs=tuple(self.system.index_of(name) for name in self.outputs),
             output_names=self.outputs,
-            substeps=_substeps(self),
+            substeps=self._substeps(),
             length=length,
             n_segments=int(sum(counts)),
             first=tuple(first.tolist()),
             run_lengths=tuple(lengths),
             huber=self.huber,
         )
+
+    def _substeps(self) -> int:
+        width = float(np.median(np.concatenate([np.diff(experiment.time) for experiment in self.experiments])))
+        least = 1 if self.step is None else max(1, int(np.ceil(width / self.step - 1e-9)))
+        if self.step is not None and self.stride is None:
+            return least
+        p = parameter_vector(self.system, {item.name: item.guess for item in self.free})
+        return max(least, substeps(self.system, self.starts[0], p, width, self.stride))
 
     @cached_property
     def functions(self) -> Passes:
@@ -150,6 +158,11 @@ class Problem:
         )
         held.__dict__["layout"] = replace(self.layout, free=free)
         return held
+
+    def guessing(self, guesses: Mapping[str, float]) -> "Problem":
+        """Return the same problem with other guesses by name [SI], from the starts of its own."""
+        free = tuple(replace(item, guess=guesses.get(item.name, item.guess)) for item in self.free)
+        return self._kept(replace(self, free=free), _OF_STARTS)
 
     def by_sample(self) -> "Problem":
         """Return the same problem with a segment for each sample; the samples are those of its own segments."""
@@ -322,45 +335,6 @@ def _channel_sd(experiments: tuple[Experiment, ...], name: str) -> float:
     spread = max(float(np.nanstd(e.outputs[name].values)) for e in experiments if name in e.outputs)
     # data without any noise (a simulation) still needs a finite weight
     return max(float(np.nanmean(raw)), 1e-6 * spread, 1e-12)
-
-
-def _substeps(problem: Problem) -> int:
-    """Return steps per sample so that the step is short against the fastest motion of the model.
-
-    The product of step and fastest eigenvalue stays below 0.25 (error of RK4 per step below 1e-5); with
-    dry friction below 0.03, because reversals are resolved to second order only. What has a shortest time in which it
-    changes is not what is fastest, as it counts as half a step where it is less: unless the problem has a stride, the
-    step is no longer than can follow it.
-    """
-    system = problem.system
-    widths = np.concatenate([np.diff(experiment.time) for experiment in problem.experiments])
-    width = float(np.median(widths))
-    least = 1 if problem.step is None else max(1, int(np.ceil(width / problem.step - 1e-9)))
-    if problem.step is not None and problem.stride is None:
-        return least
-    slope = ca.jacobian(system.ode, system.x)
-    if system.algebraics:
-        slope -= ca.jacobian(system.ode, system.z) @ ca.solve(
-            ca.jacobian(system.alg, system.z), ca.densify(ca.jacobian(system.alg, system.x))
-        )
-    arguments = [system.time, system.x, system.z, system.u, system.p, system.frictions.force]
-    jacobian = ca.Function("jacobian", arguments, [slope])
-    p = parameter_vector(system, {item.name: item.guess for item in problem.free})
-    shortest = min((p[i] for i in shortest_times(system) if p[i] > 0), default=np.inf)
-    p[list(shortest_times(system))] = SLOW
-    start = problem.starts[0]
-    x, z = np.split(start.x, [system.x.numel()])
-    value = np.asarray(jacobian(start.time, x, z, start.u, p, np.zeros(system.frictions.force.numel())))
-    fastest = float(np.abs(np.linalg.eigvals(value)).max(initial=0.0)) if value.size else 0.0
-    count = width * fastest / (problem.stride or usual_stride(system))
-    if problem.stride is None:
-        count = max(count, width / (LONGEST * shortest))
-    return int(np.clip(np.ceil(count - 1e-9), least, max(least, 100)))
-
-
-def usual_stride(system: System) -> float:
-    """Return the largest product of step and fastest eigenvalue at which errors of integration do not show."""
-    return 0.03 if system.frictions.places else 0.25
 
 
 def dominant_frequency(experiments: tuple[Experiment, ...]) -> float:

@@ -39,7 +39,10 @@ def test_the_catalogue_has_every_effect_that_the_project_names():
 @ALL
 def test_at_its_start_value_an_effect_is_absent(effect, kind):
     found = scene(effect, kind)
-    for start in found.insertion.card.starts(kind):
+    firsts, *others = found.insertion.card.starts(kind)
+    items = [item for item in found.insertion.card.parameters if item.corrects]
+    further = [firsts | {item.names[kind]: value} for item in items for value in item.starts_at(kind)[1:]]
+    for start in (firsts, *others, *further):
         # what it adds is a product with 0; only the order of summation changes
         np.testing.assert_allclose(found.outputs(found.model(**start)), plain(found.rig), rtol=0, atol=1e-9)
 

@@ -72,7 +72,7 @@ LAYERS = """
     sensitivity
     unknowns
     transcribe
-    passes
+    strides passes
     starts cuts
     programme
     problem

@@ -32,8 +32,9 @@ def cache(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def work():
-    """Return a problem with inputs, and what its passes start from."""
+def work(monkeypatch):
+    """Return a problem with inputs, and what its passes start from; nothing is compiled unless a test says so."""
+    monkeypatch.setattr(module, "WORTH", 10**12)
     system = assemble(DrivenCart())
     experiments = load_experiments(
         load_study(STUDIES / "driven_cart.toml").experiments[0],
@@ -132,17 +133,17 @@ def test_what_was_compiled_before_is_found_again_at_once(work, monkeypatch):
 def test_what_is_used_again_and_again_is_compiled_in_the_end(work, monkeypatch):
     """A search uses most passes too little to compile them; the searches of a rig together do not."""
     problem, values, nodes, w, data = work
-    packed, layout = packed_for(problem, values, nodes, w, "value"), problem.layout
+    packed, layout = packed_for(problem, values, nodes, w, "rows"), problem.layout
     parts = layout.n_segments * layout.length * layout.substeps
     monkeypatch.setattr(module, "WORTH", int(2.5 * parts))
     monkeypatch.setattr(module, "ASKED", 0)
     for _ in range(2):
         one = Passes(layout)
-        one.evaluated("value", packed, data)
-        assert "value" not in one._machine_code and not cached_libraries()
+        one.evaluated("rows", packed, data)
+        assert "rows" not in one._machine_code and not cached_libraries()
     another = Passes(layout)
-    another.evaluated("value", packed, data)
-    assert "value" in another._machine_code and len(cached_libraries()) == 1
+    another.evaluated("rows", packed, data)
+    assert "rows" in another._machine_code and len(cached_libraries()) == 1
     clear_cache()
     assert not list(cache_folder().iterdir())
 

@@ -23,7 +23,7 @@ from cartpend_dae.discover.iterated import can_follow
 from cartpend_dae.discover.nested import WAYS, as_plain, holds, shared
 from cartpend_dae.discover.records import Candidate, Step
 from cartpend_dae.discover.screen import candidates, screen
-from cartpend_dae.discover.shortlist import best_of_each, with_others
+from cartpend_dae.discover.shortlist import best_of_each, corrected, with_others
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.weigh import Weighed
 from cartpend_dae.discover.workbench import Workbench
@@ -222,4 +222,5 @@ def _richer(told: Candidate, laws: list[Insertion], promising: list[Candidate]) 
     known = {c.insertion.prefix for c in promising}
     rich = [Candidate(law, law.starts, 0.0, 0.0, 0.0, None, "") for law in laws if law.prefix not in known]
     rich = [c for c in rich if holds(c, told) and not any(item.role == "wave" for item in c.insertion.card.parameters)]
-    return [replace(c, parameters=as_plain(c.insertion, told)) for c in rich]
+    rich = [replace(c, parameters=as_plain(c.insertion, told)) for c in rich]
+    return [one for c in rich for one in (c, *corrected(c))]

@@ -14,7 +14,7 @@ from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.evidence import SPEEDS, ended_at_zero, peaks_alone
 from cartpend_dae.discover.gate import is_clean
 from cartpend_dae.discover.records import Candidate
-from cartpend_dae.discover.shortlist import each_choice
+from cartpend_dae.discover.shortlist import corrected, each_choice
 from cartpend_dae.effects import Insertion
 
 # a peak at rest begins so many times as high as what it peaks above: at its height no start from rest tells it
@@ -97,7 +97,7 @@ def simplified(
             continue
         values = shared(plain.insertion, rich)
         if values and (is_behind(left(plain), left(rich)) or contradicts(plain)):
-            options = each_choice(plain) + _corrected(plain) + (_creeping(plain, rich) if contradicts(rich) else [])
+            options = each_choice(plain) + corrected(plain) + (_creeping(plain, rich) if contradicts(rich) else [])
             found += _from(rich, values, options)
         elif plain.insertion.card.creeping is not None:
             weak = [c for c in fitted if c.fit is not None and holds(c, plain) and contradicts(c)]
@@ -105,14 +105,6 @@ def simplified(
             if weaker is not None and _is_told(left(plain), left(weaker), weaker):
                 found += _from(weaker, shared(plain.insertion, weaker), _creeping(plain, weaker))
     return found
-
-
-def _corrected(plain: Candidate) -> list[Candidate]:
-    """Return a law from the other starts of its corrections: the richer one may have had the shape in its own law."""
-    kind, prefix = plain.insertion.place.kind, plain.insertion.prefix
-    items = [item for item in plain.insertion.card.parameters if item.corrects]
-    starts = [(f"{prefix}.{item.names[kind]}", start) for item in items for start in item.starts_at(kind)[1:]]
-    return [replace(plain, parameters={**plain.parameters, name: start}, others=()) for name, start in starts]
 
 
 def _from(rich: Candidate, values: Mapping[str, float], options: list[Candidate]) -> list[Candidate]:

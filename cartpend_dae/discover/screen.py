@@ -151,9 +151,11 @@ def _kept(at: "_At", options: list[Insertion]) -> list[Prediction]:
     parts = [part for batch in grouped[:1] for part in (batch[::2], batch[1::2]) if part]
     done = _swept(at, [*parts, *grouped[1:]], with_shapes=True)
     again = [option for batch in done for option in batch.again]
-    pairs = _settled(at, [*done, *_swept(at, batches(again), with_shapes=False)])
+    done += _swept(at, batches(again), with_shapes=False)
+    pairs = _settled(at, done)
+    moving = frozenset(chain.from_iterable(batch.moving for batch in done))
     named = {option.prefix: k for k, option in enumerate(options)}
-    found = _probed(at, pairs) if at.weighed is None else predictions(pairs, at.weighed)
+    found = _probed(at, pairs, moving) if at.weighed is None else predictions(pairs, at.weighed)
     return [
         Prediction(
             named[c.insertion.prefix], dict(c.insertion.values), c.parameters, c.predicted, c.why_not, c.response
@@ -179,7 +181,9 @@ def _settled(at: "_At", done: list["_Batch"]) -> list["_Judged"]:
                 alike.setdefault(_problem_of(candidate.insertion), []).append(candidate.insertion)
             else:
                 kept.append(pair)
-    alone = in_parallel(lambda these: _alone(at, these), list(alike.values()), jobs=at.bench.jobs)
+    # those of several starts first: they take longest
+    groups = sorted(alike.values(), key=len, reverse=True)
+    alone = in_parallel(lambda these: _alone(at, these), groups, jobs=at.bench.jobs)
     return [*kept, *chain.from_iterable(alone)]
 
 
@@ -189,14 +193,16 @@ def _is_followed(candidate: Candidate) -> bool:
     return any(item.role in ("wave", "teeth") for item in insertion.card.parameters) or is_composite(insertion)
 
 
-def _probed(at: "_At", pairs: list["_Judged"]) -> list[Candidate]:
+def _probed(at: "_At", pairs: list["_Judged"], moving: frozenset[str]) -> list[Candidate]:
     """Try effects in series at sizes that move the data as much as what is left, if no straight line explains half.
 
-    What gives way resonates: with its size the response grows, and then turns, which no slope at size 0 tells. What
-    swings beside it tells it, and is no reason not to try. Each effect is tried from each of its starts.
+    What gives way, `moving` by itself, resonates: with its size the response grows, and then turns, which no slope at
+    size 0 tells. What swings beside it tells it, and is no reason not to try. Each effect is tried from each of its
+    starts.
     """
     found = [c for c, _ in pairs]
-    able = [(c, columns) for c, columns in pairs if c.insertion.card.insertion == "series" and len(columns) == 1]
+    series = [(c, columns) for c, columns in pairs if c.insertion.card.insertion == "series" and len(columns) == 1]
+    able = [(c, columns) for c, columns in series if c.insertion.prefix in moving]
     if not able:
         return found
     try:
@@ -207,26 +213,30 @@ def _probed(at: "_At", pairs: list["_Judged"]) -> list[Candidate]:
     plain = (c.predicted for c in found if not c.why_not and not c.insertion.card.resonates)
     if max(plain, default=0.0) > ENOUGH * whole:
         return found
-    better = in_parallel(lambda pair: _at_sizes(at, pair, whole), able, jobs=at.bench.jobs)
-    instead = dict(zip((id(c) for c, _ in able), better, strict=True))
+    alike: dict[str, list[_Judged]] = {}
+    for pair in able:
+        alike.setdefault(_problem_of(pair[0].insertion), []).append(pair)
+    groups = sorted(alike.values(), key=len, reverse=True)
+    better = in_parallel(lambda pairs: _at_sizes(at, pairs, whole), groups, jobs=at.bench.jobs)
+    instead = dict(zip((id(c) for pairs in groups for c, _ in pairs), chain.from_iterable(better), strict=True))
     return [instead.get(id(candidate), candidate) for candidate in found]
 
 
-def _at_sizes(at: "_At", pair: "_Judged", whole: float) -> Candidate:
-    """Return a candidate at the size of which it explains most, if that is more than its slope promises.
+def _at_sizes(at: "_At", pairs: list["_Judged"], whole: float) -> list[Candidate]:
+    """Return candidates that have one problem at the sizes of which they explain most."""
+    try:
+        problem = at.problem([candidate.insertion for candidate, _ in pairs])
+    except UNSOLVED:
+        return [candidate for candidate, _ in pairs]
+    return [_at_best_size(at, problem, pair, whole) for pair in pairs]
 
-    Only what has a motion of its own can resonate.
-    """
+
+def _at_best_size(at: "_At", problem: Problem, pair: "_Judged", whole: float) -> Candidate:
+    """Return a candidate at the size of which it explains most, if that is more than its slope promises."""
     candidate, columns = pair
     insertion, best = candidate.insertion, candidate
     (name,), slope = insertion.size_names, float(np.linalg.norm(next(iter(columns.values()))))
     if not (slope > 0 and np.isfinite(slope)):
-        return candidate
-    try:
-        problem = at.problem(insertion)
-    except UNSOLVED:
-        return candidate
-    if not any(state.removeprefix("der(").startswith(f"{insertion.prefix}.") for state in problem.system.states):
         return candidate
     for share in PROBES:
         values = insertion.starts | {name: share * np.sqrt(whole) / slope}
@@ -260,14 +270,17 @@ class _At:
         at = self.bench, self.taken, batch, self.point, self.bandwidth, self.sd
         return sweep(*at, with_shapes=with_shapes, trail=trail)
 
-    def problem(self, option: Insertion) -> Problem:
-        return alone_with(self.bench, self.taken, option)
+    def problem(self, options: list[Insertion]) -> Problem:
+        """Return the problem of an effect from several starts, in steps that follow the fastest of them."""
+        problem = alone_with(self.bench, self.taken, options[0])
+        each = (problem.guessing(option.starts) for option in options[1:])
+        return max((problem, *each), key=lambda one: one.layout.substeps)
 
     def alone(
         self, option: Insertion, values: Mapping[str, float] | None = None, problem: Problem | None = None
     ) -> Sweep:
         point = {**self.point, **(values or {})}
-        return one_by_one(problem or self.problem(option), option, point, self.bandwidth, self.sd)
+        return one_by_one(problem or self.problem([option]), option, point, self.bandwidth, self.sd)
 
 
 _Judged = tuple[Candidate, Mapping[str, np.ndarray]]
@@ -277,12 +290,13 @@ _Judged = tuple[Candidate, Mapping[str, np.ndarray]]
 class _Batch:
     """What was judged together: each candidate and what its sizes change, by name; sizes that are too `rough` for that.
 
-    `again` are effects from better shapes.
+    `again` are effects from better shapes, and `moving` prefixes of those with a motion of their own.
     """
 
     judged: list[_Judged]
     again: tuple[Insertion, ...] = ()
     rough: frozenset[str] = frozenset()
+    moving: frozenset[str] = frozenset()
 
 
 def _screened(at: _At, batch: tuple[Insertion, ...], with_shapes: bool) -> _Batch:
@@ -294,26 +308,26 @@ def _screened(at: _At, batch: tuple[Insertion, ...], with_shapes: bool) -> _Batc
             return _Batch([_untried(batch[0], error)])
         half = len(batch) // 2
         one, other = (_screened(at, part, with_shapes) for part in (batch[:half], batch[half:]))
-        return _Batch(one.judged + other.judged, one.again + other.again, one.rough | other.rough)
+        both = one.rough | other.rough, one.moving | other.moving
+        return _Batch(one.judged + other.judged, one.again + other.again, *both)
     judged = _predictions(batch, replace(found, sizes={**found.sizes, **found.rough}))
     refused = {name for c, _ in judged if c.insertion.prefix in found.refused for name in c.insertion.size_names}
     for k, (c, columns) in enumerate(judged):
         if why := found.refused.get(c.insertion.prefix):
             judged[k] = replace(c, predicted=0.0, why_not=why, response=None), columns
-    return _Batch(judged, found.again, frozenset(found.rough) - refused)
+    return _Batch(judged, found.again, frozenset(found.rough) - refused, found.moving)
 
 
 def _problem_of(option: Insertion) -> str:
-    """Return what the problem of an effect depends on: all but the wave number from which it starts."""
-    kind = option.place.kind
-    waves = {item.names[kind] for item in option.card.parameters if item.role == "wave"}
-    return str((option.prefix, {name: value for name, value in option.values.items() if name not in waves}))
+    """Return what the problem of an effect depends on: all but the values from which what is estimated starts."""
+    free = {name.rpartition(".")[2] for name in option.parameter_names}
+    return str((option.prefix, {name: value for name, value in option.values.items() if name not in free}))
 
 
 def _alone(at: _At, options: list[Insertion]) -> list[_Judged]:
     """Judge options that have one problem, each from where it starts."""
     try:
-        problem = at.problem(options[0])
+        problem = at.problem(options)
     except UNSOLVED as error:
         return [_untried(option, error) for option in options]
     found: list[_Judged] = []

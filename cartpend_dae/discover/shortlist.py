@@ -78,8 +78,16 @@ def distinct(ranked: list[Candidate]) -> list[Candidate]:
 
 
 def with_others(candidates: list[Candidate]) -> list[Candidate]:
-    """Return candidates from all their starts, one after the other."""
-    return [start for candidate in candidates for start in (candidate, *candidate.others)]
+    """Return candidates from all their starts, and those of their corrections, one after the other."""
+    return [start for one in candidates for start in (one, *one.others, *corrected(one))]
+
+
+def corrected(candidate: Candidate) -> list[Candidate]:
+    """Return a candidate from the other starts of its corrections."""
+    kind, prefix = candidate.insertion.place.kind, candidate.insertion.prefix
+    items = [item for item in candidate.insertion.card.parameters if item.corrects]
+    starts = [(f"{prefix}.{item.names[kind]}", start) for item in items for start in item.starts_at(kind)[1:]]
+    return [replace(candidate, parameters={**candidate.parameters, name: start}, others=()) for name, start in starts]
 
 
 def best_of_each(judged: list[Candidate], criterion: Callable[[Candidate], float]) -> list[Candidate]:

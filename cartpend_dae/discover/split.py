@@ -101,10 +101,10 @@ def splits(bench: Workbench, search: Search, *, plan: Plan | None = None) -> tup
         chosen, rival = pair
         together = (*(i for i in taken if i.prefix != chosen.prefix), rival.insertion)
         try:
-            fit = _fit_of(at, search, together, rival)
-            if fit.chi2 > APART * search.final.chi2:
-                return Split(chosen.prefix, rival.insertion.prefix, (), fit.chi2 / search.final.chi2)
-            ranking = _ranked(at, (taken, search.final), (together, fit), plan)
+            answer, fit = _fits_of(at, search, taken, together, rival)
+            if fit.chi2 > APART * answer.chi2:
+                return Split(chosen.prefix, rival.insertion.prefix, (), fit.chi2 / answer.chi2)
+            ranking = _ranked(at, (taken, answer), (together, fit), plan)
         except UNSOLVED:
             return None
         return Split(chosen.prefix, rival.insertion.prefix, ranking)
@@ -131,13 +131,38 @@ def still_alike(search: Search, found: tuple[Split, ...]) -> Search:
     return replace(search, steps=tuple(steps))
 
 
-def _fit_of(bench: Workbench, search: Search, together: tuple[Insertion, ...], rival: Candidate) -> Fit:
-    """Fit the model with a rival: in a few steps, and fewer where the runs tell it from the answer already."""
-    guess, sd, at = search.final.point | rival.parameters, search.final.weights_sd, (search.bandwidth,)
-    first = bench.fit(together, guess, at, sd, patient=False, iterations=EARLY, stride=ROUGH)
-    if first.chi2 > APART * search.final.chi2:
-        return first
-    return bench.fit(together, first.point, at, sd, patient=False, iterations=NEARLY)
+def _fits_of(
+    bench: Workbench,
+    search: Search,
+    taken: tuple[Insertion, ...],
+    together: tuple[Insertion, ...],
+    rival: Candidate,
+) -> tuple[Fit, Fit]:
+    """Return the fits of the answer and of a rival in its place, both on the same kind of steps.
+
+    One that was not judged to the end is fitted roughly, in few steps where the runs tell it from the answer already.
+    """
+    if (known := _fit_known(search, together, rival)) is not None:
+        return search.final, known
+
+    def fitted(effects: tuple[Insertion, ...], point: Mapping[str, float], iterations: int) -> Fit:
+        at, sd = (search.bandwidth,), search.final.weights_sd
+        return bench.fit(effects, point, at, sd, patient=False, iterations=iterations, stride=ROUGH)
+
+    answer = fitted(taken, search.final.point, EARLY)
+    first = fitted(together, search.final.point | rival.parameters, EARLY)
+    return answer, first if first.chi2 > APART * answer.chi2 else fitted(together, first.point, NEARLY)
+
+
+def _fit_known(search: Search, together: tuple[Insertion, ...], rival: Candidate) -> Fit | None:
+    """Return the fit with which a rival was judged, if that was of the same model as in the place of the answer."""
+    fit = rival.fit
+    if fit is None or float(fit.bandwidth[0]) != search.bandwidth or fit.n_residuals != search.final.n_residuals:
+        return None
+    own = {name for insertion in together for name in insertion.parameter_names}
+    known = {e.name for e in search.baseline.parameters} | own
+    is_same = {e.name for e in fit.parameters} == known and np.array_equal(fit.weights_sd, search.final.weights_sd)
+    return fit if is_same else None
 
 
 def _rivals(search: Search, step: Step) -> list[Candidate]:
@@ -183,7 +208,7 @@ def _ranked(
     base = assembled(bench.setup.model, (), bench.setup.train)
     runs = candidates(base, plan)
     sd = np.array([plan.noise[name] for name in bench.problem(()).outputs])
-    problems = [bench.build(effects, (runs[0],)) for effects, _ in (one, other)]
+    problems = _on_the_same_steps([bench.build(effects, (runs[0],), ROUGH) for effects, _ in (one, other)])
     values = [fit.values_in() for _, fit in (one, other)]
     known = _information(bench, *other, problems[1])
     found = []
@@ -201,9 +226,16 @@ def _ranked(
     return tuple(sorted(found, key=lambda item: -item[1]))
 
 
+def _on_the_same_steps(problems: list[Problem]) -> list[Problem]:
+    """Return problems on the shortest of their steps, so that errors of integration are no difference of models."""
+    times = problems[0].experiments[0].time
+    step = float(np.median(np.diff(times))) / max(problem.layout.substeps for problem in problems)
+    return [replace(problem, step=step, stride=None) for problem in problems]
+
+
 def _information(bench: Workbench, effects: tuple[Insertion, ...], fit: Fit, problem: Problem) -> np.ndarray:
     """Return what the runs so far say of the scaled parameters of a problem on other runs, starts taken out."""
-    linear = linearised(bench.problem(effects), fit.point, float(fit.bandwidth[0]), fit.noise_sd)
+    linear = linearised(bench.problem(effects, ROUGH), fit.point, float(fit.bandwidth[0]), fit.noise_sd)
     gram, n = linear.grams.sum(axis=0), len(fit.parameters)
     inside = gram[:n, :n] - gram[:n, n:] @ np.linalg.pinv(gram[n:, n:], hermitian=True) @ gram[n:, :n]
     names = [item.name for item in linear.variables[:n]]

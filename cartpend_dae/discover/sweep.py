@@ -58,8 +58,9 @@ class Sweep:
     """Weighted residuals (n,), their derivatives in what is fitted already (n, n_base), and in each size (n,).
 
     Sizes of effects that change too much between samples to be followed so are in `rough` instead. The `chain` has all
-    sizes as forces; None where effects were judged alone. `again` are effects from better shapes, and `refused` says
-    by prefix why the runs go too short a way for one, or too far.
+    sizes as forces; None where effects were judged alone. `again` are effects from better shapes, `refused` says
+    by prefix why the runs go too short a way for one, or too far, and `moving` are prefixes of those with a motion of
+    their own.
     """
 
     residual: np.ndarray
@@ -69,6 +70,7 @@ class Sweep:
     again: tuple[Insertion, ...] = ()
     refused: Mapping[str, str] = field(default_factory=dict)
     rough: Mapping[str, np.ndarray] = field(default_factory=dict)
+    moving: frozenset[str] = frozenset()
 
 
 def batches(options: list[Insertion]) -> list[tuple[Insertion, ...]]:
@@ -181,7 +183,9 @@ def sweep(
     if with_shapes:
         scan = Scan(along, local, found.residual, basis_of(base))
         again = tuple(replace(o, values={**o.values, **shape}) for o in options for shape in best_shapes(o, scan))
-    return replace(found, base=base, sizes=sizes, again=again, refused=refused, rough=rough)
+    states = [name.removeprefix("der(") for name in system.states]
+    moving = frozenset(o.prefix for o in options if any(name.startswith(f"{o.prefix}.") for name in states))
+    return replace(found, base=base, sizes=sizes, again=again, refused=refused, rough=rough, moving=moving)
 
 
 def strides(setup: Setup, is_fine: bool) -> list[tuple[float | None, float]]:

@@ -18,9 +18,10 @@ from cartpend_dae.identify import Fit, estimate
 from cartpend_dae.language import Component, bindings_of
 from cartpend_dae.library.laws import SHORTEST
 from cartpend_dae.parallel import Workers
-from cartpend_dae.problem import Problem, dominant_frequency, free_parameter, make_problem, usual_stride
+from cartpend_dae.problem import Problem, dominant_frequency, free_parameter, make_problem
 from cartpend_dae.shooting import Linearisation, linearised
 from cartpend_dae.stepping import LONGEST, shortest_times
+from cartpend_dae.strides import usual_stride
 from cartpend_dae.system import System
 from cartpend_dae.unknowns import Free, tie
 

@@ -157,9 +157,12 @@ class Card:
     contains: tuple[str, ...] = ()
 
     def starts(self, kind: Kind) -> tuple[dict[str, float], ...]:
-        """Return every combination of values of shapes and choices from which to start, by name of the parameter."""
+        """Return every combination of values of shapes and choices from which to start, by name of the parameter.
+
+        What corrects a law begins at the first of its values; only what is fitted starts from the others, too.
+        """
         items = [item for item in self.parameters if item.role != "size"]
-        values = product(*(item.starts_at(kind) for item in items))
+        values = product(*(item.starts_at(kind)[: 1 if item.corrects else None] for item in items))
         return tuple(
             dict(zip([item.names[kind] for item in items], combination, strict=True)) for combination in values
         )

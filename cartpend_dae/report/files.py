@@ -4,11 +4,11 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -35,6 +35,7 @@ from cartpend_dae.system import System
 
 TAKEN = ("parameters", "candidates", "residuals", "result", "model_plus", "report", "unknown_inputs", STAGES)
 RESULT = "result.json"
+T = TypeVar("T")
 
 
 def check_folder(folder: Path) -> None:
@@ -123,22 +124,22 @@ def write_discovery(
 ) -> dict[str, Any]:
     """Write all results of `discover` to a folder, and return what stands in `result.json`.
 
-    Figures of runs are drawn in `jobs` processes.
+    Figures are drawn in `jobs` processes.
     """
     search = discovery.search
     result = discovery_result(opened, discovery, seconds)
     with complete(folder) as partial:
         (partial / "model_plus.py").write_text(model_plus_source(opened, discovery), "utf-8")
         after = discovery.after if search.steps else None
-        result["files"] = {"runs": _runs(partial, discovery.before, after, jobs=jobs)}
-        result["horizons"] = plain(ahead_of_discovery(discovery))
+        result["files"], drawings = _runs(partial, discovery.before, after)
+        if search.candidates:
+            drawings.append(lambda: _figure(partial / "candidates.png", plots.candidate_figure(search)))
+        result["horizons"] = plain(_done(lambda: ahead_of_discovery(discovery), drawings, jobs))
         _json(partial / RESULT, result)
         _parameters(partial / "parameters.csv", opened, {"before": search.baseline, "after": search.final})
         _candidates(partial / "candidates.csv", search)
         if discovery.beyond.open_set is not None:
             unknown_table(discovery.beyond.open_set).to_csv(partial / "unknown_inputs.csv", index=False)
-        if search.candidates:
-            _figure(partial / "candidates.png", plots.candidate_figure(search))
     write_page(folder)
     return result
 
@@ -149,12 +150,14 @@ def write_identification(
     """Write all results of `identify` to a folder, and return what stands in `result.json`.
 
     `looks_ahead` adds the errors over horizons, for which the package itself must be able to simulate the model.
-    Figures of runs are drawn in `jobs` processes.
+    Figures are drawn in `jobs` processes.
     """
     result = identification_result(opened, found, seconds)
     with complete(folder) as partial:
-        result["files"] = {"runs": _runs(partial, found.errors, None, found.bands, jobs=jobs)}
-        result["horizons"] = plain(ahead_of_fit(opened.setup, found.fit)) if looks_ahead else []
+        result["files"], drawings = _runs(partial, found.errors, None, found.bands)
+        result["horizons"] = plain(
+            _done(lambda: ahead_of_fit(opened.setup, found.fit) if looks_ahead else [], drawings, jobs)
+        )
         _json(partial / RESULT, result)
         _parameters(partial / "parameters.csv", opened, {"fit": found.fit})
     write_page(folder)
@@ -189,10 +192,11 @@ def _runs(
     before: Assessment,
     after: Assessment | None,
     bands: Mapping[str, np.ndarray] | None = None,
-    *,
-    jobs: int,
-) -> dict[str, str]:
-    """Write series and figure of each run, and the overview of all; return the name of the table of each run."""
+) -> tuple[dict[str, dict[str, str]], list[Callable[[], None]]]:
+    """Return the name of the table of each run, and what is to be written: table and figure of each, and an overview.
+
+    It takes long enough to be done in several processes.
+    """
     last = {run.name: run for run in after.runs} if after else {}
     taken: set[str] = set(TAKEN)
     stems = [_file_name(run.name, taken) for run in before.runs]
@@ -203,9 +207,16 @@ def _runs(
         run_table(run, last.get(run.name), sd).to_csv(folder / f"{stem}.csv", index=False)
         _figure(folder / f"{stem}.png", plots.run_figure(run, last.get(run.name), sd=sd))
 
-    list(in_parallel(write, range(len(stems)), jobs=jobs))
-    _figure(folder / "residuals.png", plots.level_figure(before, after))
-    return {run.name: f"{stem}.csv" for run, stem in zip(before.runs, stems, strict=True)}
+    drawings: list[Callable[[], None]] = [lambda number=k: write(number) for k in range(len(stems))]
+    drawings.append(lambda: _figure(folder / "residuals.png", plots.level_figure(before, after)))
+    return {"runs": {run.name: f"{stem}.csv" for run, stem in zip(before.runs, stems, strict=True)}}, drawings
+
+
+def _done(first: Callable[[], T], others: list[Callable[[], None]], jobs: int) -> T:
+    """Do everything in so many processes, and return what the first work gives."""
+    works: list[Callable[[], Any]] = [first, *others]
+    found: list[Any] = [*in_parallel(lambda work: work(), works, jobs=jobs)]
+    return found[0]
 
 
 def _file_name(run: str, taken: set[str]) -> str:
