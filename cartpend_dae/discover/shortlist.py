@@ -78,8 +78,8 @@ def distinct(ranked: list[Candidate]) -> list[Candidate]:
 
 
 def with_others(candidates: list[Candidate]) -> list[Candidate]:
-    """Return candidates from all their starts, and those of their corrections, one after the other."""
-    return [start for one in candidates for start in (one, *one.others, *corrected(one))]
+    """Return candidates from all their starts, one after the other."""
+    return [start for candidate in candidates for start in (candidate, *candidate.others)]
 
 
 def corrected(candidate: Candidate) -> list[Candidate]:

@@ -159,7 +159,7 @@ class Card:
     def starts(self, kind: Kind) -> tuple[dict[str, float], ...]:
         """Return every combination of values of shapes and choices from which to start, by name of the parameter.
 
-        What corrects a law begins at the first of its values; only what is fitted starts from the others, too.
+        What corrects a law begins at the first of its values; only what promises something is tried from the others.
         """
         items = [item for item in self.parameters if item.role != "size"]
         values = product(*(item.starts_at(kind)[: 1 if item.corrects else None] for item in items))
