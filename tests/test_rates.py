@@ -9,7 +9,7 @@ from test_discover_pendulum import COULOMB, NOISE, clean_run, noisy_setup
 
 from cartpend_dae.discover import Workbench, discover, refit, splits
 from cartpend_dae.discover.rates import made_anew
-from cartpend_dae.discover.split import Split, still_alike
+from cartpend_dae.discover.split import Split, _fit_known, _on_the_same_steps, still_alike
 from cartpend_dae.discover.trial import too_little
 from cartpend_dae.effects import catalogue, insertion_at
 from cartpend_dae.experiment_design import Plan
@@ -145,3 +145,23 @@ def test_a_larger_release_splits_two_kinds_of_drag():
     assert split.sentence.startswith(
         "To tell `bearing.coulomb_friction` from `bearing.quadratic_drag`, record: release"
     )
+
+
+def test_a_rival_that_was_judged_in_the_place_of_the_answer_is_not_fitted_again(bench, right):
+    (step,) = right.steps
+    drag = insertion_at(RotaDamp(), "quadratic_drag", "bearing")
+    fit = bench.fit((drag,), right.final.point | drag.starts, (right.bandwidth,), right.final.weights_sd)
+    rival = replace(step.candidate, insertion=drag, fit=fit)
+    assert _fit_known(right, (drag,), rival) is fit
+    assert _fit_known(right, (step.candidate.insertion, drag), rival) is None  # it was another model
+    assert _fit_known(replace(right, bandwidth=3.0), (drag,), rival) is None
+    assert _fit_known(right, (drag,), replace(rival, fit=None)) is None
+
+
+def test_models_are_compared_on_the_same_steps(bench):
+    """Errors of integration had counted as a difference of models that took 16 and 67 steps a sample."""
+    slow = bench.build((), bench.setup.train)
+    fast = bench.build((insertion_at(RotaDamp(), "coulomb_friction", "bearing"),), bench.setup.train)
+    assert slow.layout.substeps < fast.layout.substeps
+    both = _on_the_same_steps([slow, fast])
+    assert [problem.layout.substeps for problem in both] == [fast.layout.substeps] * 2
