@@ -19,7 +19,7 @@ from cartpend_dae.passes import Passes
 from cartpend_dae.programme import programme
 from cartpend_dae.singular import check_regular
 from cartpend_dae.starts import begin_function, run_start
-from cartpend_dae.stepping import shortest_times
+from cartpend_dae.stepping import LONGEST, shortest_times
 from cartpend_dae.strides import substeps
 from cartpend_dae.system import System
 from cartpend_dae.transcribe import SEGMENT, Layout, RunStart, Slot
@@ -82,7 +82,17 @@ class Problem:
             first=tuple(first.tolist()),
             run_lengths=tuple(lengths),
             huber=self.huber,
+            floor=self._floor(),
         )
+
+    def _floor(self) -> float:
+        """Return the shortest time that steps can follow [s], rounded up: times that jitter make no other code."""
+        if not shortest_times(self.system):
+            return 0.0
+        width = float(np.median(np.concatenate([np.diff(experiment.time) for experiment in self.experiments])))
+        shortest = width / self._substeps() / LONGEST
+        unit = 10.0 ** (np.floor(np.log10(shortest)) - 1)
+        return float(np.ceil(shortest / unit - 1e-9) * unit)
 
     def _substeps(self) -> int:
         width = float(np.median(np.concatenate([np.diff(experiment.time) for experiment in self.experiments])))
