@@ -245,6 +245,21 @@ def test_against_forces_what_does_several_things_at_once_comes_after_what_explai
     assert names(ordered([several, far], lambda candidate, first: "explains more"))[0] == "chain_tension_friction"
 
 
+def test_what_does_several_things_at_once_comes_first_where_it_alone_leaves_what_has_the_size_of_noise(
+    bench, plain_fit, fitted
+):
+    """Friction of a chain left 8,959 of 9,006, of some colour, and the loss of a gear that left 54,117 was named."""
+    model, base = LinearDampMod(), Base((), {0.0: plain_fit}, plain_fit.chi2)
+    rules = Rules("noise", (0.0,), 0.0, np.array([1e-3]))
+    n = plain_fit.n_residuals
+    several = fitted("chain_tension_friction", 5000.0, 1.0 * n, model, "cart.flange_a", h=0.1, e=0.1, f_p=9.0)
+    plain = fitted("coulomb_friction", 3000.0, 6.0 * n, model, "rail", f_c=6.0)
+    assert residuals(several.fit).is_passed
+    assert names(ordered_by_bic(bench, [several, plain], base, rules))[0] == "chain_tension_friction"
+    more = replace(several, fit=replace(several.fit, chi2=1.1 * most_of_noise(n)))
+    assert names(ordered_by_bic(bench, [more, plain], base, rules))[0] == "coulomb_friction"
+
+
 def test_what_leaves_more_than_a_tenth_may_be_disturbances(plain_fit, fitted):
     taken, n = (insertion_at(RotaDamp(), "cogging", "bearing"),), plain_fit.n_residuals
     bare = 1e6 + n

@@ -11,12 +11,14 @@ from test_discovery_choice import bench, fitted, names, noise, plain_fit  # noqa
 from cartpend_dae.discover import trial
 from cartpend_dae.discover.bases import noise_alone, noise_rules
 from cartpend_dae.discover.nested import FARTHER, PEAKS, PUSHES, WIDTHS, with_cutoffs, with_gaps, with_peaks
+from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.search import _Log
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import NEAR, _nearer, other_laws
 from cartpend_dae.effects import insertion_at, places
 from cartpend_dae.effects.card import SPAN
 from cartpend_dae.errors import SolverError
+from cartpend_dae.uncertainty import Estimate
 from models.linear_damp_mod import LinearDampMod
 from models.rota_damp import RotaDamp
 
@@ -34,6 +36,36 @@ def test_other_laws_of_the_contact_are_fitted_where_the_best_one_leaves_more_tha
     assert not other_laws([sensor, replace(law, early=1.1 * NEAR * 3000.0)], others)
     assert not other_laws([replace(best, fit=noise), law], others)
     assert not other_laws([], others)
+
+
+def test_what_corrects_a_law_is_held_until_its_sizes_are_right(bench, monkeypatch):  # noqa: F811
+    """The power of a chain's friction ran to its bound and hid the right law, which another way had found exactly."""
+    drag = insertion_at(RotaDamp(), "quadratic_drag", "bearing")
+    candidate = Candidate(drag, dict.fromkeys(drag.size_names, 0.01), 9.0, 0.0, 0.0, None, "")
+    rules, plain = noise_rules(bench, places(RotaDamp()), 0.0), bench.fit((), {}, (2.0,), np.array([1e-3]))
+    q = Estimate("bearing.quadratic_drag.q", 0.0, 1.0, "1", "ok")
+    began = []
+
+    def fit(together, guess, *args, held=(), **kwargs):
+        began.append((held, guess[q.name]))
+        found = replace(q, value=0.0 if held else 0.7)
+        return replace(plain, chi2=plain.chi2 + (0.0 if held else worse), parameters=(*plain.parameters, found))
+
+    for worse in (1.0, -1.0):
+        began.clear()
+        found = trial.first_fit(SimpleNamespace(fit=fit), Base((), {2.0: plain}), rules, 2.0, candidate)
+        assert began == [((q.name,), 0.0), ((), 0.0)]
+        assert found.fit.values[q.name] == (0.0 if worse > 0 else 0.7)
+
+
+def test_a_held_parameter_stays_at_its_guess(bench):  # noqa: F811
+    stiff = insertion_at(RotaDamp(), "cubic_stiffness", "bearing")
+    (quintic,) = stiff.corrections
+    guess = stiff.starts | {quintic: 0.2}
+    held = bench.fit((stiff,), guess, (2.0,), np.array([1e-3]), held=(quintic,))
+    free = bench.fit((stiff,), guess, (2.0,), np.array([1e-3]))
+    assert held.values[quintic] == 0.2 and free.values[quintic] != 0.2 and free.chi2 < held.chi2
+    assert held.values["bearing.cubic_stiffness.c3"] != 0.0
 
 
 def test_against_forces_a_model_that_leaves_noise_alone_ends_the_search(bench):  # noqa: F811

@@ -14,6 +14,7 @@ from cartpend_dae.discover.slopes import basis_of
 from cartpend_dae.discover.sweep import sweep
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import insert, insertion_at
+from models.driven_cart import DrivenCart
 from models.linear_damp_mod import LinearDampMod
 from models.rota_damp import RotaDamp
 
@@ -175,3 +176,19 @@ def test_a_shaft_that_turns_on_and_on_winds_up_no_spring(turns):
         spring, load = load, spring
     assert (spring.why_not == TURNS) is (turns * 2 * np.pi > WOUND)
     assert load.why_not != TURNS
+
+
+def test_teeth_of_a_sprocket_are_found_that_are_finer_than_the_first_waves_tried():
+    """Over a long way the first 180 waves ended at 6.6 teeth a turn, below all from which a polygon begins."""
+    model, times = DrivenCart(), 0.01 * np.arange(601)
+    u = 6.0 * np.sign(np.sin(2.1 * times)) + 2.0 * np.sin(5.0 * times)
+    hidden = insert(model, "chain_polygon", "gears.flange_R", e=0.2, N=9.0, psi=0.1)
+    run = simulate(hidden, 6.0, points=601, inputs={"amplifier.u": (times, u, "zoh")})
+    channels = {"encoder.s": Channel(run["encoder.s"], "zoh", 5e-5, "m", 0.0)}
+    inputs = {"amplifier.u": Channel(u, "zoh", None, "V", 0.0)}
+    experiment = Experiment("run", "train", run.time, inputs, channels, {}, "free", None)
+    bench = Workbench(Setup(model, (FreeSpec("rail.d"),), (experiment,), (), ()), lambda *_: None)
+    option = insertion_at(model, "chain_polygon", "gears.flange_R", {"N": 12.0, "psi": 0.0})
+    again, *_ = sweep(bench, (), (option,), {}, 75.0, bench.problem(()).prior_sd, with_shapes=True).again
+    assert 84.9 * np.ptp(run["encoder.s"]) > 362 / 9
+    assert again.values["N"] == pytest.approx(9.0, rel=0.02)

@@ -8,7 +8,7 @@ from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.disturbed import ALIKE as ALIKE_WEIGHED
 from cartpend_dae.discover.disturbed import fitted, is_composite
 from cartpend_dae.discover.evidence import described, peaks_alone
-from cartpend_dae.discover.gate import is_clean, residuals
+from cartpend_dae.discover.gate import is_clean, most_of_noise, residuals
 from cartpend_dae.discover.records import Candidate, Gate, Step
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.workbench import Workbench
@@ -104,9 +104,13 @@ def rounded_first(ranked: list[Candidate]) -> list[Candidate]:
 def _does_several_at_once(candidate: Candidate) -> bool:
     """Return whether an effect between two parts contains another one of the catalogue, and yet leaves more than noise.
 
-    It would soak up a part of what is missing elsewhere, as friction that lies where a chain gives way.
+    It would soak up a part of what is missing elsewhere, as friction that lies where a chain gives way. What is left in
+    the size of noise, of whatever colour, is no part of another effect.
     """
-    return candidate.fit is not None and residuals(candidate.fit).is_passed and is_composite(candidate.insertion)
+    fit = candidate.fit
+    if fit is None or not is_composite(candidate.insertion):
+        return False
+    return residuals(fit).is_passed and fit.chi2 > most_of_noise(fit.n_residuals)
 
 
 def _plainest(tied: list[Candidate]) -> list[Candidate]:

@@ -24,6 +24,9 @@ from cartpend_dae.effects.card import EffectParameter
 # phase over the way [rad] of the longest wave, and from one wave number to the next, which is a third of what makes a
 # wave orthogonal to another; how many of them, and so many parts of a step are tried about the best one
 LONGEST, COARSE, WAVES, PARTS = 4.0, 2.0, 180, 4
+# waves are tried up to so many times the shortest that an effect begins from, those beyond the first ones at phases
+# [rad] that are two thirds of such a third, and so many of them
+SHORTEST, SPARSE, FURTHER = 1.25, 4.0, 800
 # so many instants are tried at first, and then all those about the best one
 MOST = 300
 # the most teeth; so many numbers of them, and of waves, are promising, waves that explain this share of the best one
@@ -110,7 +113,7 @@ def _promising(item: EffectParameter, law: "_Law", scan: Scan) -> list[float]:
     if item.role == "teeth":
         gains = _gains(law, numbers, scan)
         return [float(numbers[k]) for k in np.argsort(-gains, kind="stable")[:PROMISING] if gains[k] > 0]
-    tried = numbers[:: -(-numbers.size // MOST)]
+    tried = numbers if item.role == "wave" else numbers[:: -(-numbers.size // MOST)]
     gains = _gains(law, tried, scan)
     found: dict[float, float] = {}
     for peak in _peaks(gains)[: PROMISING if item.role == "wave" else 1]:
@@ -195,7 +198,9 @@ def _numbers(item: EffectParameter, option: Insertion, along: Along) -> np.ndarr
     low, high = item.bounds_at(kind)
     if not way > 0:
         return np.zeros(0)
-    found = (LONGEST + COARSE * np.arange(WAVES)) / way
+    first = (LONGEST + COARSE * np.arange(WAVES)) / way
+    high = min(high, max(first[-1], SHORTEST * max(item.starts_at(kind))))
+    found = np.concatenate([first, first[-1] + SPARSE / way * np.arange(1, FURTHER + 1)])
     return found[(found >= low) & (found <= high)]
 
 

@@ -1,5 +1,6 @@
 """Stage 3: the most promising effects are fitted and judged, and one of them is put first."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -313,12 +314,24 @@ def _is_clean(candidate: Candidate) -> bool:
 
 
 def first_fit(bench: Workbench, base: Base, rules: Rules, stage: float, candidate: Candidate) -> Candidate:
-    """Fit a candidate at the stage of screening, roughly: from there it is judged."""
+    """Fit a candidate at the stage of screening, roughly: from there it is judged.
+
+    What corrects its law is held at first: it goes far to make up for sizes that are not yet right.
+    """
     together = (*base.taken, candidate.insertion)
-    guess = base.fits[stage].point | candidate.parameters
-    fit = bench.fit(together, guess, (stage,), rules.sd, patient=False, iterations=EARLY, stride=ROUGH)
+    guess = base.fits[stage].point | candidate.insertion.starts | candidate.parameters
+    held = candidate.insertion.corrections
+
+    def fitted(guess: Mapping[str, float], held: tuple[str, ...] = ()) -> Fit:
+        at = (stage,)
+        return bench.fit(together, guess, at, rules.sd, patient=False, iterations=EARLY, stride=ROUGH, held=held)
+
+    fit = fitted(guess, held)
     if not np.isfinite(fit.chi2):
         raise SolverError("its simulation diverges")
+    if held and not is_clean(fit):
+        corrected = fitted(fit.point)
+        fit = corrected if corrected.chi2 < fit.chi2 else fit
     return replace(candidate, fit=fit, early=fit.chi2, begun=fit.point)
 
 

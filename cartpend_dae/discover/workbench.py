@@ -207,10 +207,12 @@ class Workbench:
         patient: bool = True,
         iterations: int | None = None,
         stride: Stride = None,
+        held: tuple[str, ...] = (),
     ) -> Fit:
         """Fit along decreasing output injection, each stage from the last; `patient` as of `estimate`.
 
-        What decides, at the `last` bandwidth, is fitted on fine steps, where friction or a memory needs them.
+        Parameters that are `held` stay at their guesses. What decides, at the `last` bandwidth, is fitted on fine
+        steps, where friction or a memory needs them.
         """
         scales = self.scales_of(insertions, stride)
         label = _label(insertions)
@@ -219,7 +221,7 @@ class Workbench:
         fit: Fit | None = None
         for bandwidth in bandwidths:
             steps = self._usual_steps(insertions, bandwidth) if stride is None else stride
-            options = (bandwidth, point, sd, patient, most, steps)
+            options = (bandwidth, point, sd, patient, most, steps, held)
             depends = _key(insertions), scales, options
             fit = self.store.recall("fit", depends, lambda o=options: self._fit(insertions, *o))
             self.report(f"fit at {bandwidth:.3g} rad/s", label, float(np.sqrt(fit.chi2 / fit.n_residuals)))
@@ -242,8 +244,11 @@ class Workbench:
         patient: bool,
         most: int,
         stride: Stride,
+        held: tuple[str, ...],
     ) -> Fit:
         problem = self.problem(insertions, stride)
+        for name in held:
+            problem = problem.holding(name, guess[name])
         try:
             return estimate(
                 problem,
