@@ -97,6 +97,25 @@ def test_a_chain_rubs_by_a_power_of_the_force_in_it(p):
     np.testing.assert_allclose(result["mass.v"][1:], speed[1:], rtol=1e-3)  # its load has a lag of 0.5 ms
 
 
+@pytest.mark.parametrize("p", [-0.5, 0.0, 1.0])
+def test_a_gear_rubs_by_a_power_of_the_torque_that_it_passes_on(p):
+    """A wheel is turned by T through it: T less tau_c + mu T (T/tau_1)^p, from rest."""
+    ground, drive, wheel = rotational.Fixed(), rotational.ConstantLoad(tau_0=-4.0), rotational.Inertia(J=2.0)
+    gear = rotational_links.LoadDependentFriction(tau_c=0.3, mu=0.2, p=p, tau_1=2.5)
+    model = joined(
+        (ground.flange, drive.flange_a),
+        (drive.flange_b, gear.flange_b),
+        (gear.flange_a, wheel.flange_a),
+        ground=ground,
+        drive=drive,
+        gear=gear,
+        wheel=wheel,
+    )
+    result = simulate(model, 1.0, points=11, rtol=1e-9, start={"wheel.phi": 0.0, "wheel.w": 0.0})
+    speed = (4.0 - 0.3 - 0.2 * 4.0 * 1.6**p) / 2.0 * result.time
+    np.testing.assert_allclose(result["wheel.w"][1:], speed[1:], rtol=1e-3)
+
+
 @pytest.mark.parametrize("n", [0.0, 50.0])
 def test_a_rod_that_bends_further_swings_faster(n):
     """With its shaft held the mode is the oscillator of G. Duffing (1918), whose solution is Jacobi's cn."""

@@ -160,14 +160,19 @@ def friction_cards() -> tuple[Card, ...]:
             summary="dry friction that grows with the load that a gear or joint passes on",
             insertion="series",
             components={R: rotational_links.LoadDependentFriction},
-            parameters=(level("tau_c"), level("mu", upper=1.0)),
+            parameters=(
+                level("tau_c"),
+                level("mu", upper=1.0),
+                shape("p", (0.0,), lower=-0.5, upper=1.0, corrects=True),
+            ),
             dissipative=True,
             nested_in=(),
             equivalent_to={"gear_loss": "the same joint: the friction per load is the lost share"},
             regressors=("sign v", "i"),
             excited_by="motion at the same speed under two loads",
             source="M. Duclusaud, G. Passault, V. Padois, O. Ly (2024), Extended Friction Models for the Physics "
-            "Simulation of Servo Actuators, 10.48550/arXiv.2410.08650",
+            "Simulation of Servo Actuators, 10.48550/arXiv.2410.08650; of a power of the load: A. Palmgren, Ball and "
+            "Roller Bearing Engineering (1959), chapter 2",
             is_elsewhere=True,
         ),
         Card(

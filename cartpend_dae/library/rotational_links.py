@@ -14,6 +14,7 @@ otherwise it starts at ease, in the middle of a gap.
 import casadi as ca
 
 from cartpend_dae.language import Component, Param, Statements, der, dry_friction, initial, param, port, var
+from cartpend_dae.library.friction import growing
 from cartpend_dae.library.laws import SHORTEST, hardened, past_gap
 from cartpend_dae.library.rotational import Flange
 
@@ -127,7 +128,7 @@ class LoadDependentFriction(Component):
     """Friction against ground that grows with the load, tau = (tau_c + mu |y|) sgn w, with exact sticking.
 
     y follows the torque that passes from flange b to flange a with the lag T_f, so that friction does not depend on
-    itself at the same instant.
+    itself at the same instant. It may grow with a power of the load, mu |y| |y/tau_1|^p.
     """
 
     flange_a = port(Flange, doc="one shaft end")
@@ -137,6 +138,8 @@ class LoadDependentFriction(Component):
     y = var(unit="N.m", doc="load, smoothed")
     tau_c: Param = param(unit="N.m", default=0.0, min=0, doc="Coulomb level without load")
     mu: Param = param(unit="1", default=0.0, min=0, max=1, doc="friction per load")
+    p: Param = param(unit="1", default=0.0, min=-0.5, max=1.0, doc="by how much its power is more than 1")
+    tau_1: Param = param(unit="N.m", default=1.0, min=0, doc="load at which the power does not matter")
     T_f: Param = param(unit="s", default=SHORTEST, min=0, doc="lag of the load", is_shortest_time=True)
 
     def equations(self) -> Statements:
@@ -144,7 +147,7 @@ class LoadDependentFriction(Component):
         yield self.w == der(self.flange_a.phi)
         yield self.T_f * der(self.y) == self.flange_b.tau - self.y
         yield initial(self.y == self.flange_b.tau, fixed=False)
-        yield self.tau == dry_friction(self.w, self.tau_c + self.mu * ca.fabs(self.y))
+        yield self.tau == dry_friction(self.w, self.tau_c + self.mu * growing(self.y, self.p, self.tau_1))
         yield self.flange_a.tau + self.flange_b.tau == self.tau
 
 

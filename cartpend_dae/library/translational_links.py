@@ -165,7 +165,7 @@ class LoadDependentFriction(Component):
     """Friction against ground that grows with the load, f = (f_c + mu |y|) sgn v, with exact sticking.
 
     y follows the force that passes from flange b to flange a with the lag T_f, so that friction does not depend on
-    itself at the same instant.
+    itself at the same instant. It may grow with a power of the load, mu |y| |y/f_1|^p.
     """
 
     flange_a = port(Flange, doc="one point")
@@ -175,6 +175,8 @@ class LoadDependentFriction(Component):
     y = var(unit="N", doc="load, smoothed")
     f_c: Param = param(unit="N", default=0.0, min=0, doc="Coulomb level without load")
     mu: Param = param(unit="1", default=0.0, min=0, max=1, doc="friction per load")
+    p: Param = param(unit="1", default=0.0, min=-0.5, max=1.0, doc="by how much its power is more than 1")
+    f_1: Param = param(unit="N", default=1.0, min=0, doc="load at which the power does not matter")
     T_f: Param = param(unit="s", default=SHORTEST, min=0, doc="lag of the load", is_shortest_time=True)
 
     def equations(self) -> Statements:
@@ -182,7 +184,7 @@ class LoadDependentFriction(Component):
         yield self.v == der(self.flange_a.s)
         yield self.T_f * der(self.y) == self.flange_b.f - self.y
         yield initial(self.y == self.flange_b.f, fixed=False)
-        yield self.f == dry_friction(self.v, self.f_c + self.mu * ca.fabs(self.y))
+        yield self.f == dry_friction(self.v, self.f_c + self.mu * growing(self.y, self.p, self.f_1))
         yield self.flange_a.f + self.flange_b.f == self.f
 
 
