@@ -13,7 +13,8 @@ def executed(path):
     """Return a notebook with the results of all its cells, which ran in a folder of their own."""
     notebook = nbformat.read(path, as_version=4)
     with tempfile.TemporaryDirectory() as folder:
-        client = NotebookClient(notebook, timeout=600, record_timing=False, resources={"metadata": {"path": folder}})
+        options = {"timeout": 600, "record_timing": False, "coalesce_streams": True}
+        client = NotebookClient(notebook, resources={"metadata": {"path": folder}}, **options)
         client.execute()
     for cell in notebook.cells:
         for output in cell.get("outputs", ()):
