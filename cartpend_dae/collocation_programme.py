@@ -60,7 +60,7 @@ def interval_of(layout: Layout, hessian: Hessian) -> Interval:
     time, length, u_a, u_b, measured, weight, w, width = ca.vertsplit(data, ends)
     equations, outputs = _smooth(s)
     theta, x, z = ca.SX.sym("theta", n_p), ca.SX.sym("x", n_x), ca.SX.sym("z", n_z)
-    p = parameter_function(replace(layout, floor=0.0))(theta)
+    p = parameter_function(replace(layout, floors=()))(theta)
     _, alg = equations(time, x, z, u_a, p, width)
     error = measured - outputs(time, x, z, u_a, p, width)[list(layout.outputs)]
     now = corrected(layout, p, w, ca.vertcat(x, z), error, (length, weight))[:n_x, 0]

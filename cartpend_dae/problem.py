@@ -19,7 +19,7 @@ from cartpend_dae.passes import Passes
 from cartpend_dae.programme import programme
 from cartpend_dae.singular import check_regular
 from cartpend_dae.starts import begin_function, run_start
-from cartpend_dae.stepping import LONGEST, shortest_times
+from cartpend_dae.stepping import LONGEST, lags_of_inputs, shortest_times
 from cartpend_dae.strides import substeps
 from cartpend_dae.system import System
 from cartpend_dae.transcribe import SEGMENT, Layout, RunStart, Slot
@@ -82,20 +82,33 @@ class Problem:
             first=tuple(first.tolist()),
             run_lengths=tuple(lengths),
             huber=self.huber,
-            floor=self._floor(),
+            floors=self._floors(),
         )
 
-    def _floor(self) -> float:
-        """Return the shortest time that steps can follow [s], rounded up: times that jitter make no other code."""
-        if not shortest_times(self.system):
-            return 0.0
-        width = float(np.median(np.concatenate([np.diff(experiment.time) for experiment in self.experiments])))
-        shortest = width / self._substeps() / LONGEST
+    def _floors(self) -> tuple[tuple[int, float], ...]:
+        """Return the shortest times of what is smooth, each with the least that steps can follow, rounded up [s].
+
+        What jumps has none: a lag of an input that is held lets nothing of a jump pass at once, if it is long enough,
+        however long the steps. Without the rounding, distances of samples that differ in their last digits would make
+        passes of their own.
+        """
+        held = {name for run in self.experiments for name, channel in run.inputs.items() if channel.hold == "zoh"}
+        jumps = [k for k, name in enumerate(self.system.inputs) if name in held]
+        times = sorted({*shortest_times(self.system)} - lags_of_inputs(self.system, jumps))
+        if not times:
+            return ()
+        shortest = self._width / self._substeps() / LONGEST
         unit = 10.0 ** (np.floor(np.log10(shortest)) - 1)
-        return float(np.ceil(shortest / unit - 1e-9) * unit)
+        least = float(np.ceil(shortest / unit - 1e-9) * unit)
+        return tuple((i, least) for i in times)
+
+    @property
+    def _width(self) -> float:
+        """The usual distance of samples [s]."""
+        return float(np.median(np.concatenate([np.diff(experiment.time) for experiment in self.experiments])))
 
     def _substeps(self) -> int:
-        width = float(np.median(np.concatenate([np.diff(experiment.time) for experiment in self.experiments])))
+        width = self._width
         least = 1 if self.step is None else max(1, int(np.ceil(width / self.step - 1e-9)))
         if self.step is not None and self.stride is None:
             return least

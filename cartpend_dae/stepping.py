@@ -11,6 +11,7 @@ J. J. Moreau, "Unilateral contact and dry friction in finite freedom dynamics" (
 doi:10.1007/978-3-7091-2624-0_1 (the time-stepping view of dry friction).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -120,6 +121,13 @@ def shortest_lags(system: System) -> tuple[tuple[int, int], ...]:
             if own.is_constant() and float(own) == -1.0:
                 found.append((state, parameter))
     return tuple(found)
+
+
+def lags_of_inputs(system: System, inputs: Sequence[int]) -> set[int]:
+    """Return the shortest times with which a state follows one of the inputs, which have these indices, at once."""
+    inputs_of = ca.DM(ca.jacobian_sparsity(system.ode, system.u), 1).full()[:, list(inputs)].any(axis=1)
+    times_of = ca.DM(ca.jacobian_sparsity(system.ode, system.p), 1).full()[inputs_of].any(axis=0)
+    return {i for i in shortest_times(system) if times_of[i]}
 
 
 def _followed(system: System, p: ca.SX, dt: ca.SX) -> ca.SX:

@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.data import Experiment
-from cartpend_dae.stepping import Step, runge_kutta, shortest_times
+from cartpend_dae.stepping import Step, runge_kutta
 from cartpend_dae.system import System
 from cartpend_dae.timekeeping import is_rate
 from cartpend_dae.unknowns import Free, Tie
@@ -67,7 +67,7 @@ class Layout:
     `free` are the estimated parameters of all runs, of which `slots` says where they stand in the model. `outputs` are
     indices of system variables. Segments (n_segments of `length` samples) of all runs stand one after the other;
     `first` are the segments with which runs begin. With a finite `huber`, residuals beyond so many standard deviations
-    count linearly. No shortest time of the model is below `floor` [s], which the steps can follow.
+    count linearly. `floors` are shortest times of the model, each with the least one that the steps can follow [s].
     """
 
     system: System
@@ -82,7 +82,7 @@ class Layout:
     first: tuple[int, ...]
     run_lengths: tuple[int, ...]
     huber: float = np.inf
-    floor: float = 0.0
+    floors: tuple[tuple[int, float], ...] = ()
 
     @property
     def n_state(self) -> int:
@@ -190,8 +190,8 @@ def sized_parameters(layout: Layout, theta: ca.SX, sizes: ca.SX) -> ca.SX:
         tied = ca.substitute([tie.value for tie in layout.ties], [system.p], [p])
         for tie, value in zip(layout.ties, tied, strict=True):
             p[tie.index] = value
-    for i in shortest_times(system) if layout.floor else ():
-        p[i] = ca.fmax(p[i], layout.floor)
+    for i, least in layout.floors:
+        p[i] = ca.fmax(p[i], least)
     return p
 
 

@@ -19,6 +19,7 @@ from cartpend_dae.library import translational as t
 from cartpend_dae.library import translational_sources as ts
 from cartpend_dae.problem import make_problem
 from cartpend_dae.stepping import shortest_times
+from models.driven_cart import DrivenCart
 from models.rota_damp import RotaDamp
 
 # modules of ends, sources, losses and loads; names of speed, force, level, length and speed of the peak
@@ -141,6 +142,26 @@ def test_a_signal_is_late_on_fine_steps_in_every_fit(stride):
     late = Insertion(card, place_at(model, card, "bearing.phi"), card.starts(R)[0])
     assert bench.problem((late,), stride).layout.substeps == FINEST
     assert bench.problem((late,), COARSE).layout.substeps < FINEST
+
+
+@pytest.mark.parametrize("hold", ["zoh", "foh"])
+def test_a_command_that_is_held_is_late_by_less_than_a_step_and_what_is_measured_says_by_how_much(hold):
+    model, time, late = DrivenCart(), 0.01 * np.arange(151), 2e-4
+    (card,) = (card for card in catalogue() if card.id == "input_delay")
+    delay = Insertion(card, place_at(model, card, "amplifier.u"), card.starts(R)[0])
+    system = assembled(model, (delay,), ())
+    u = 4.0 * np.sign(np.sin(7.0 * time)) if hold == "zoh" else 4.0 * np.sin(7.0 * time)
+    true = {f"{delay.prefix}.T_d": late}
+    made = simulate(system, 1.5, points=time.size, inputs={f"{delay.prefix}.u": (time, u, hold)}, parameters=true)
+    outputs = {"motor.i": Channel(made["motor.i"], "zoh", 0.005, "A", 0.0)}
+    run = Experiment("run", "train", time, {"amplifier.u": Channel(u, hold, None, "V", 0.0)}, outputs, {}, "free", None)
+    bench = Workbench(Setup(model, (), (run,), (), ()))
+    problem = bench.problem((delay,), ROUGH)
+    assert problem.layout.substeps == FINEST
+    # nothing of a jump passes a delay at once, however short it is; what is smooth is late as by the lag of the steps
+    assert [least > late for _, least in problem.layout.floors] == [True] * (hold == "foh")
+    fit = bench.fit((delay,), {f"{delay.prefix}.T_d": 1e-4}, (0.0,), np.array([0.005]), stride=ROUGH)
+    assert fit.parameters[0].value == pytest.approx(late, rel=0.05)
 
 
 def test_a_fit_to_the_free_simulation_follows_a_memory_on_fine_steps():
