@@ -5,11 +5,12 @@ import io
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, cast
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from cartpend_dae.calls import called
 from cartpend_dae.compiled import compiled
 from cartpend_dae.prepared import content, once
 from cartpend_dae.system import System
@@ -74,7 +75,10 @@ class Integration:
         posed = self._ahead() if plugin in MULTISTEP else self
         with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
             integrator = posed._kept(plugin, times, is_compiled)
-            return _evaluated(integrator, {"x0": start[0], "z0": start[1], "p": posed.p, "u": u}, outputs.size)
+            given = {"x0": start[0], "z0": start[1], "p": posed.p, "u": u}
+            arguments = {integrator.index_in(name): value for name, value in given.items()}
+            x, z = called(integrator, arguments, [integrator.index_out(name) for name in ("xf", "zf")])
+            return {"xf": x, "zf": z}
 
     def _ahead(self) -> "Integration":
         """Return the same with what parameters alone decide computed before the run, and given as its parameters."""
@@ -164,26 +168,3 @@ def _computed_ahead(problem: dict[str, ca.SX]) -> tuple[dict[str, ca.SX], ca.Fun
     left, n = ca.cse(left), problem["ode"].numel()
     changed = {"p": ca.vertcat(*symbols), "ode": left[:n], "alg": left[n:]}
     return problem | changed, ca.Function("decided", [problem["p"]], [ca.vertcat(*values)])
-
-
-def _evaluated(integrator: ca.Function, arguments: dict[str, np.ndarray], n: int) -> dict[str, np.ndarray]:
-    """Return states and algebraic variables at n times, in memory that numpy owns.
-
-    Raises
-    ------
-    RuntimeError
-        If the integration fails.
-    """
-    buffer, evaluate = cast(Any, integrator.buffer())  # its stub wants a size, which its methods refuse
-    given = {name: np.array(value.T, dtype=float, order="C") for name, value in arguments.items()}
-    found = {name: np.zeros((n, arguments[start].size)) for name, start in (("xf", "x0"), ("zf", "z0"))}
-    for name, value in given.items():
-        if value.size:
-            buffer.set_arg(integrator.index_in(name), value.data)
-    for name, value in found.items():
-        if value.size:
-            buffer.set_res(integrator.index_out(name), value.data)
-    evaluate()
-    if buffer.ret():
-        raise RuntimeError("Evaluation failed")
-    return {name: value.T for name, value in found.items()}

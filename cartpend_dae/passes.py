@@ -11,6 +11,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from cartpend_dae.calls import called
 from cartpend_dae.compiled import Level, Use, compiled, compiled_before
 from cartpend_dae.stepping import Step, runge_kutta
 from cartpend_dae.transcribe import Layout, parameter_function, seen, sized_parameters, weighed
@@ -57,8 +58,9 @@ class Passes:
             if before is None or before[0] is not function:
                 before = self._mapped[name, m] = function, function.map(m)
             function = before[1]
-        first, *others = function.call([np.vstack([np.tile(sizes[:, None], m), packed]), data])
-        return np.asarray(first)[sizes.size :], *(np.asarray(part) for part in others)
+        full = np.vstack([np.tile(sizes[:, None], m), packed])
+        first, *others = called(function, {0: full, 1: data}, range(function.n_out()))
+        return first[sizes.size :], *others
 
     def _quickest(self, name: str, n_segments: int) -> ca.Function:
         """Return a pass as machine code, which gives the same to the last bit, where that is worth its compilation.

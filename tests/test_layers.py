@@ -18,7 +18,7 @@ LAYERS = """
     parcel
     parallel
     cluster
-    explain linear compiled along
+    explain linear compiled calls along
     quantities collector
     declarations switching
     language

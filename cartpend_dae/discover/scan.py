@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.discover.grid import grid
-from cartpend_dae.discover.slopes import Along, Growth, Local, Slopes, Table, slopes_of
+from cartpend_dae.discover.slopes import LOST, Along, Local, Slopes, Table, slopes_of
 from cartpend_dae.effects import Insertion
 from cartpend_dae.effects.card import EffectParameter
 
@@ -146,7 +146,7 @@ def _gains(law: "_Law", numbers: np.ndarray, scan: Scan) -> np.ndarray:
     """Return what each number explains."""
     gains: list[float] = []
     for part in np.array_split(numbers, -(-numbers.size // TOGETHER)):
-        columns = _columns(law.growth(part), scan)
+        columns = _columns(law.rows, law.growth(part), scan)
         gains += _explained(columns, part.size, scan)
     return np.array(gains)
 
@@ -260,10 +260,17 @@ class _Law:
         return sorted({row for row, _ in zip(*self.slopes.hidden.sparsity().get_triplet(), strict=True)})
 
     @cached_property
+    def rows(self) -> list[int]:
+        """The states of the model's own, and the outputs after them, that they move at once; the others never."""
+        direct = {row for row, _ in zip(*self.slopes.direct.sparsity().get_triplet(), strict=True)}
+        through = zip(*self.slopes.through.sparsity().get_triplet(), strict=True)
+        return sorted(direct | {row for row, equation in through if equation in self.hidden})
+
+    @cached_property
     def table(self) -> Table:
         """The slopes for some numbers, side by side."""
         along = self.scan.along
-        whole = ca.vertcat(self.slopes.direct, self.slopes.hidden[self.hidden, :])
+        whole = ca.vertcat(self.slopes.direct[self.rows, :], self.slopes.hidden[self.hidden, :])
         shapes = ca.SX.sym("shapes", ABREAST)
         for name, value in self.others.items():
             whole = ca.substitute(whole, self._place(name), ca.SX(value))
@@ -275,35 +282,44 @@ class _Law:
         system = self.scan.along.system
         return system.p[system.parameter_index(f"{self.option.prefix}.{name}")]
 
-    def growth(self, numbers: np.ndarray) -> Growth:
-        """Return the growth by the sizes, with one number after the other; both ends of an interval are samples."""
-        n_rows, n_own, width = self.slopes.direct.shape[0], len(self.scan.along.own), self.slopes.direct.shape[1]
+    def growth(self, numbers: np.ndarray) -> np.ndarray:
+        """Return how the sizes move each row at each sample, one number after the other, (n, n_rows, n_columns)."""
+        n_rows, width = len(self.rows), self.slopes.direct.shape[1]
         full = np.pad(numbers, (0, -numbers.size % ABREAST), mode="edge")
         values = [self.table.before(part) for part in np.split(full, full.size // ABREAST)]
         found = np.concatenate(values, axis=2)[:, :, : numbers.size * width]
-        left = found[:, :n_rows]
-        for k, row in enumerate(self.hidden):  # one product after the other: numpy is slow at many small matrices
-            left = left - self.scan.through[:, :, row, None] * found[:, n_rows + k, None, :]
-        right = np.concatenate([left[1:], left[-1:]])
-        return Growth(left[:, :n_own], right[:, :n_own], left[:, n_own:]).where_finite()
+        moved = found[:, :n_rows]
+        for k, equation in enumerate(self.hidden):  # one product after the other: numpy is slow at many small matrices
+            moved = moved - self.scan.through[:, self.rows, equation, None] * found[:, n_rows + k, None, :]
+        # not a number is not less than anything
+        is_told = (np.abs(moved) < LOST).all(axis=(0, 1))
+        return moved if is_told.all() else np.where(is_told, moved, 0.0)
 
 
-def _columns(growth: Growth, scan: Scan) -> np.ndarray:
-    """Return what is changed of the residuals, carried along the samples, (n_columns, n_measured)."""
+def _columns(rows: list[int], growth: np.ndarray, scan: Scan) -> np.ndarray:
+    """Return what is changed of the residuals, carried along the samples, (n_columns, n_measured).
+
+    `growth` (n, n_rows, n_columns) is that of some rows only; both ends of an interval are samples.
+    """
     along, local = scan.along, scan.local
-    layout, data, n_y = along.problem.layout, along.data, len(along.problem.outputs)
+    layout, data, n_y, n_own = along.problem.layout, along.data, len(along.problem.outputs), len(along.own)
     weight = data[-n_y:].T
-    moved = growth.moved(local, data[1]) - local.measured @ growth.outputs
+    own, shown = [row for row in rows if row < n_own], [row - n_own for row in rows if row >= n_own]
+    left, seen = growth[:, : len(own)], growth[:, len(own) :]
+    h = data[1][:, None, None] / 2
+    pushes = (h * local.transition[:, :, own]) @ left - local.measured[:, :, shown] @ seen
+    pushes[:-1, own] += h[:-1] * left[1:]
+    pushes[-1:, own] += h[-1:] * left[-1:]
     begins = {segment * layout.length for segment in layout.first}
-    n, n_state, m = moved.shape
-    states = np.empty((n, n_state, m))
-    eta = np.zeros((n_state, m))
-    for k in range(n):
+    states = np.empty_like(pushes)
+    for k in range(states.shape[0]):
         if k in begins:
-            eta = np.zeros((n_state, m))
-        states[k] = eta
-        eta = local.transition[k] @ eta + moved[k]
-    columns = local.error @ states - growth.outputs * weight[:, :, None]
+            states[k] = 0.0
+        else:
+            np.matmul(local.transition[k - 1], states[k - 1], out=states[k])
+            states[k] += pushes[k - 1]
+    columns = local.error @ states
+    columns[:, shown] -= seen * weight[:, shown, None]
     return np.ascontiguousarray(columns[weight > 0].T)
 
 
