@@ -38,6 +38,42 @@ def test_other_laws_of_the_contact_are_fitted_where_the_best_one_leaves_more_tha
     assert not other_laws([], others)
 
 
+def test_other_laws_of_a_link_are_fitted_whatever_they_promise(fitted, noise):  # noqa: F811
+    """A chain that hardens at once was called a gap with rounded corners: a linear spring had promised 0.2 %."""
+    chain = "inertial.flange_b"
+    gap = replace(fitted("backlash", 9.0, 3000.0, LinearDampMod(), chain, b=1e-3), early=3000.0)
+    others = [
+        fitted("compliance", 0.0, 0.0, LinearDampMod(), chain, h=1e-6),
+        fitted("compliance", 0.0, 0.0, LinearDampMod(), "cart.flange_b", h=1e-6),
+        fitted("cubic_stiffness", 0.0, 0.0, LinearDampMod(), "rail", c3=1.0),
+    ]
+    assert other_laws([gap], others) == others[:1]
+    assert other_laws([replace(gap, fit=noise)], others) == others[:1]
+    assert not other_laws([replace(others[2], fit=noise, early=3000.0)], others[:2])
+
+
+@pytest.mark.parametrize("n", [0.05, 0.0])
+def test_a_correction_that_stays_where_it_begins_begins_elsewhere(bench, n):  # noqa: F811
+    """The slope of a spring in its hardening is 0 without any: fits from there left 46 times what noise leaves."""
+    chain = insertion_at(LinearDampMod(), "compliance", "inertial.flange_b")
+    size, hardening = f"{chain.prefix}.h", f"{chain.prefix}.n"
+    candidate = Candidate(chain, {size: 1e-5, hardening: n}, 9.0, 0.0, 0.0, None, "")
+    rules, plain = noise_rules(bench, places(RotaDamp()), 0.0), bench.fit((), {}, (2.0,), np.array([1e-3]))
+    began = []
+
+    def fit(together, guess, *args, held=(), **kwargs):
+        began.append((bool(held), guess[hardening]))
+        chi2 = plain.chi2 - (0.0 if held else 100 * guess[hardening])
+        found = [
+            Estimate(name, value, 1.0, "1", "ok") for name, value in guess.items() if name.startswith(chain.prefix)
+        ]
+        return replace(plain, chi2=chi2, parameters=tuple(found))
+
+    found = trial.first_fit(SimpleNamespace(fit=fit), Base((), {2.0: plain}), rules, 2.0, candidate)
+    assert began == [(True, n), (False, n)] + ([(True, 0.05), (False, 0.05)] if n == 0 else [])
+    assert found.fit.chi2 == plain.chi2 - 5 and found.fit.values[hardening] == 0.05
+
+
 def test_what_corrects_a_law_is_held_until_its_sizes_are_right(bench, monkeypatch):  # noqa: F811
     """The power of a chain's friction ran to its bound and hid the right law, which another way had found exactly."""
     drag = insertion_at(RotaDamp(), "quadratic_drag", "bearing")

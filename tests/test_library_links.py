@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from library_bench import joined
+from scipy.integrate import solve_ivp
 from scipy.special import ellipj
 
 from cartpend_dae import simulate
@@ -14,11 +15,11 @@ DOMAINS = {
 }
 
 
-def loaded(domain, load, link):
-    """Return load and stretch of a link at which a body hangs and is pulled, after it has come to rest."""
-    module, _, body, effort, constant = DOMAINS[domain]
+def hanging(domain, load, link):
+    """A body that hangs at a link and is pulled."""
+    module, _, body, _, constant = DOMAINS[domain]
     ground, against = module.Fixed(), module.ConstantLoad(**{constant: -load})
-    model = joined(
+    return joined(
         (ground.flange, link.flange_a),
         (link.flange_b, body.flange_b),
         (ground.flange, against.flange_a),
@@ -28,8 +29,28 @@ def loaded(domain, load, link):
         body=body,
         against=against,
     )
-    result = simulate(model, 30.0, points=11, rtol=1e-9)
+
+
+def loaded(domain, load, link):
+    """Return load and stretch of a link at which a body hangs and is pulled, after it has come to rest."""
+    effort = DOMAINS[domain][3]
+    result = simulate(hanging(domain, load, link), 90.0, points=11, rtol=1e-9)
     return result[f"link.{effort}"][-1], result["link.q"][-1]
+
+
+@pytest.mark.parametrize("n", [0.0, 0.2])
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_a_body_on_a_link_that_hardens_swings_as_on_a_hardening_spring_beside_a_damper(domain, n):
+    h, w_c, damping, load, inertia = 0.02, 2000.0, 20.0, 20.0, 0.5
+    model = hanging(domain, load, DOMAINS[domain][1].Compliance(h=h, w_c=w_c, D=damping, n=n))
+    found = simulate(model, 2.0, points=201, rtol=1e-9)
+
+    def rates(_, state):
+        q, v = state
+        return v, (load - q / h * (1 + (n * q / h) ** 2) - 2 * damping / (h * w_c) * v) / inertia
+
+    true = solve_ivp(rates, (0, 2), [0.0, 0.0], t_eval=found.time, rtol=1e-10, atol=1e-12)
+    assert found["link.q"] == pytest.approx(true.y[0], abs=1e-3 * np.ptp(true.y[0]))
 
 
 @pytest.mark.parametrize("load", [0.5, -2.0, 40.0])

@@ -1,4 +1,4 @@
-"""Which candidates are laws of one contact: a contact has one law of dry friction."""
+"""Which candidates are laws of one contact, which has one law of dry friction, or of one link."""
 
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.effects import Card, Place
@@ -8,6 +8,12 @@ def is_other_law(one: Candidate, other: Candidate) -> bool:
     """Return whether two candidates are laws of dry friction of the same contact."""
     both = is_dry(one.insertion.card) and is_dry(other.insertion.card)
     return both and moves_alike(one.insertion.place, other.insertion.place)
+
+
+def is_other_link(one: Candidate, other: Candidate) -> bool:
+    """Return whether two candidates are laws of what stands between the same two points, such as a chain."""
+    a, b = one.insertion, other.insertion
+    return a.card is not b.card and a.card.insertion == b.card.insertion == "series" and a.place.at == b.place.at
 
 
 def is_dry(card: Card) -> bool:

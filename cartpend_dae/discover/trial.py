@@ -1,15 +1,15 @@
 """Stage 3: the most promising effects are fitted and judged, and one of them is put first."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from cartpend_dae.discover.attempts import each
 from cartpend_dae.discover.choice import SHAPELESS, ordered_by_bic, rounded_first, second
-from cartpend_dae.discover.contact import is_other_law
+from cartpend_dae.discover.contact import is_other_law, is_other_link
 from cartpend_dae.discover.disturbed import ALIKE, is_composite, judge, margin_of, ordered, penalty
 from cartpend_dae.discover.evidence import bic, cancelled, coloured_bic, ended_at_zero
+from cartpend_dae.discover.first import first_fit
 from cartpend_dae.discover.gate import is_clean, is_noise_alone
 from cartpend_dae.discover.nearest import NARROW, left_by, left_early, nearest
 from cartpend_dae.discover.nested import (
@@ -45,9 +45,8 @@ from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError
 from cartpend_dae.identify import Fit
 
-# so many of the best predictions are fitted at the first stage, in so many steps; the best of them with less injection,
-# in so many steps
-WIDE, MIDDLE, EARLY, LATER = 10, 8, 6, 10
+# so many of the best predictions are fitted at the first stage; the best of them with less injection, in so many steps
+WIDE, MIDDLE, LATER = 10, 8, 10
 # plainer laws start again from richer ones so often, as one that was reached so may lead to a plainer one still
 DOWN = 2
 # against random forces: so many are fitted, of those that promise this share of what they must gain
@@ -135,14 +134,18 @@ def _tried(
 
 
 def other_laws(best: list[Candidate], others: list[Candidate]) -> list[Candidate]:
-    """Return other laws of a contact of which one is nearly the best at the first stage, if none leaves noise alone.
+    """Return other laws of a link or a contact of which one is nearly the best at the first stage.
 
-    A law with a memory promises little where nothing rubs yet: its first order is that of its start.
+    A law promises little where its first order is that of a start far from it: one with a memory where nothing rubs
+    yet, which is not asked for where another leaves noise alone, and a spring that hardens at once.
     """
-    if not best or best[0].fit is None or is_noise_alone(best[0].fit):
+    if not best or best[0].fit is None:
         return []
     near = [c for c in best if left_early(c) < NEAR * left_early(best[0])]
-    return [c for c in others if any(is_other_law(c, one) for one in near)]
+    found = [c for c in others if any(is_other_link(c, one) for one in near)]
+    if not is_noise_alone(best[0].fit):
+        found += [c for c in others if any(is_other_law(c, one) for one in near)]
+    return found
 
 
 def _explains_most(candidate: Candidate, before: Fit) -> bool:
@@ -311,28 +314,6 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate], is
 
 def _is_clean(candidate: Candidate) -> bool:
     return candidate.fit is not None and is_clean(candidate.fit)
-
-
-def first_fit(bench: Workbench, base: Base, rules: Rules, stage: float, candidate: Candidate) -> Candidate:
-    """Fit a candidate at the stage of screening, roughly: from there it is judged.
-
-    What corrects its law is held at first: it goes far to make up for sizes that are not yet right.
-    """
-    together = (*base.taken, candidate.insertion)
-    guess = base.fits[stage].point | candidate.insertion.starts | candidate.parameters
-    held = candidate.insertion.corrections
-
-    def fitted(guess: Mapping[str, float], held: tuple[str, ...] = ()) -> Fit:
-        at = (stage,)
-        return bench.fit(together, guess, at, rules.sd, patient=False, iterations=EARLY, stride=ROUGH, held=held)
-
-    fit = fitted(guess, held)
-    if not np.isfinite(fit.chi2):
-        raise SolverError("its simulation diverges")
-    if held and not is_clean(fit):
-        corrected = fitted(fit.point)
-        fit = corrected if corrected.chi2 < fit.chi2 else fit
-    return replace(candidate, fit=fit, early=fit.chi2, begun=fit.point)
 
 
 def _nearer(bench: Workbench, base: Base, rules: Rules, candidate: Candidate, ahead: float) -> Candidate:

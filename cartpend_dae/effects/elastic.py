@@ -220,7 +220,8 @@ def elastic_cards() -> tuple[Card, ...]:
             parameters=(
                 level("b"),
                 shape("tau_r", (0.02, 0.2), ("f_r", (2.0, 20.0))),
-                shape("r", (0.0, 0.3), lower=0.0, corrects=True),
+                # beyond that the middle of the gap has a third of the stiffness of its flanks: that is a spring
+                shape("r", (0.0, 0.3), lower=0.0, upper=1.0, corrects=True),
                 shape("D", (1.0,), corrects=True),
                 choice("w_c", (200.0,)),
             ),

@@ -34,9 +34,10 @@ class Link(Component):
 
 
 class Compliance(Link):
-    """Compliance of a chain or a rod, y = q/h (1 + (n q/h)^2), der(der(y)) = w_c^2 (f - y) - 2 D w_c der(y).
+    """Compliance of a chain or a rod, y = q/h (1 + (n q/h)^2), der(der(y)) = w_c^2 (f - y) - 2 D w_c der(q)/h.
 
-    Below w_c it is a spring of stiffness 1/h that hardens with the cube of its stretch from loads of about 1/n on.
+    Below w_c it is a spring of stiffness 1/h that hardens with the cube of its stretch from loads of about 1/n on, and
+    a damper 2 D/(h w_c) beside it, which does not harden.
     """
 
     y = var(unit="N", doc="force that the spring has")
@@ -48,10 +49,12 @@ class Compliance(Link):
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.q == self.h * self.y * hardened(self.n * self.y)
+        stretch = self.y * hardened(self.n * self.y)
+        stretching = self.yd / (1 + 3 * (self.n * stretch) ** 2)
+        yield self.q == self.h * stretch
         yield self.yd == der(self.y)
         yield initial(self.y == 0, fixed=False)
-        yield der(self.yd) == self.w_c * (self.w_c * (self.f - self.y) - 2 * self.D * self.yd)
+        yield der(self.yd) == self.w_c * (self.w_c * (self.f - self.y) - 2 * self.D * stretching)
 
 
 class KelvinVoigt(Link):
