@@ -47,7 +47,7 @@ def first_fit(bench: Workbench, base: Base, rules: Rules, stage: float, candidat
     return replace(candidate, fit=fit, early=fit.chi2, begun=fit.point)
 
 
-def _elsewhere(candidate: Candidate, begin: Mapping[str, float], end: Mapping[str, float]) -> list[Mapping[str, float]]:
+def _elsewhere(candidate: Candidate, begin: Mapping[str, float], end: Mapping[str, float]) -> list[dict[str, float]]:
     """Return other starts of each of the corrections that stayed where it began, by name."""
     starts = [
         {name: value for name, value in other.parameters.items() if value != begin[name]}
