@@ -26,7 +26,7 @@ from cartpend_dae.effects.card import EffectParameter
 LONGEST, COARSE, WAVES, PARTS = 4.0, 2.0, 180, 4
 # waves are tried up to so many times the shortest that an effect begins from, those beyond the first ones at phases
 # [rad] that are two thirds of such a third, and so many of them
-SHORTEST, SPARSE, FURTHER = 1.25, 4.0, 800
+BEYOND, SPARSE, FURTHER = 1.25, 4.0, 800
 # so many instants are tried at first, and then all those about the best one
 MOST = 300
 # the most teeth; so many numbers of them, and of waves, are promising, waves that explain this share of the best one
@@ -199,7 +199,7 @@ def _numbers(item: EffectParameter, option: Insertion, along: Along) -> np.ndarr
     if not way > 0:
         return np.zeros(0)
     first = (LONGEST + COARSE * np.arange(WAVES)) / way
-    high = min(high, max(first[-1], SHORTEST * max(item.starts_at(kind))))
+    high = min(high, max(first[-1], BEYOND * max(item.starts_at(kind))))
     found = np.concatenate([first, first[-1] + SPARSE / way * np.arange(1, FURTHER + 1)])
     return found[(found >= low) & (found <= high)]
 
