@@ -443,32 +443,54 @@ def test_what_is_less_than_laws_may_be_wrong_by_is_not_looked_into(bench, plain_
     assert couple(bench, base, rules, [], [near], 0.0) is None
 
 
-@pytest.fixture
-def shares(monkeypatch):
-    """Let one simulation at each bandwidth promise a share of the cost that is set here."""
-    found = {}
-    monkeypatch.setattr(stages, "promise", lambda bench, taken, point, options, stage, sd: found[stage] * 100.0)
-    return found
-
-
-def test_stages_come_in_the_order_in_which_something_shows_and_the_free_one_after_what_leaves_least(
-    bench, plain_fit, shares
-):
-    rules = Rules("noise", (75.0, 26.0, 0.0), 75.0, np.array([1e-3]))
+def test_stages_come_in_the_order_in_which_something_shows_and_the_free_one_after_what_leaves_least(plain_fit):
     fits = {75.0: replace(plain_fit, chi2=100.0), 26.0: replace(plain_fit, chi2=50.0), 0.0: plain_fit}
-    options, bandwidths = [insertion_at(RotaDamp(), "cogging", "bearing")], [75.0, 26.0, 0.0]
+    options = [insertion_at(RotaDamp(), "cogging", "bearing")]
 
-    def order(**by_stage):
-        shares.update({75.0: by_stage["first"], 26.0: by_stage["second"], 0.0: by_stage["free"]})
-        shares[26.0] /= 2
-        shares[0.0] *= plain_fit.chi2 / 100.0
-        return stages.in_order(bench, Base((), fits), rules, options, bandwidths)
+    def order(options=options, **shares):
+        found = {
+            stage: SimpleNamespace(promise=share * fits[stage].chi2, options=options)
+            for stage, share in zip(fits, shares.values(), strict=True)
+        }
+        return stages.in_order(Base((), fits), found, 0.0)
 
     assert order(first=0.5, second=0.9, free=0.9) == [75.0, 26.0, 0.0]
     assert order(first=0.01, second=0.9, free=0.9) == [26.0, 75.0, 0.0]
     assert order(first=0.01, second=0.02, free=0.9) == [26.0, 0.0, 75.0]
     assert order(first=0.03, second=0.02, free=0.01) == [75.0, 26.0, 0.0]
-    assert stages.in_order(bench, Base((), fits), rules, [], bandwidths) == bandwidths
+    assert order(options=[], first=0.01, second=0.02, free=0.9) == [75.0, 26.0, 0.0]
+
+
+def test_a_stage_at_which_a_glance_tells_nothing_comes_last(plain_fit, bench):
+    """A drag, which shows in the free simulation alone, took two whole screenings, of which one told nothing."""
+    fits = {75.0: replace(plain_fit, chi2=100.0), 26.0: replace(plain_fit, chi2=50.0), 0.0: plain_fit}
+    rules, asked = Rules("noise", tuple(fits), 75.0, np.array([1e-3])), []
+
+    class Told:
+        def __init__(self, stage, promise, glance, share):
+            self.options, self.stage = [insertion_at(RotaDamp(), "cogging", "bearing")], stage
+            self.promise, self.glance, self.share = (part * fits[stage].chi2 for part in (promise, glance, share))
+
+        def found(self):
+            asked.append(self.stage)
+            return [Candidate(self.options[0], {}, self.share, 0.0, 0.0, None, "")]
+
+    def screened(*shares):
+        asked.clear()
+        found = {stage: Told(stage, *these) for stage, these in zip(fits, shares, strict=True)}
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(stages, "_screening", lambda bench, base, rules, options, stage: found[stage])
+            return stages.screened_where_it_shows(bench, Base((), fits), rules, [])[0]
+
+    nothing, much = (0.01, 0.02, 0.03), (0.9, 0.9, 0.9)
+    assert screened(nothing, nothing, much) == 0.0
+    assert asked == [0.0]
+    assert screened(nothing, (0.01, 0.2, 0.2), much) == 26.0  # a wave
+    assert asked == [26.0]
+    assert screened(nothing, (0.01, 0.02, 0.08), (0.05, 0.06, 0.07)) == 26.0  # most of what is little
+    assert asked == [26.0, 0.0, 75.0]
+    assert screened(nothing, (0.01, 0.02, 0.3), (0.05, 0.06, 0.07)) == 26.0  # what was hidden at a glance
+    assert asked == [26.0]
 
 
 def test_an_addition_without_which_the_model_diverges_stays(monkeypatch, plain_fit, bench, fitted):
@@ -769,6 +791,13 @@ def test_a_rod_that_turns_and_moves_along_joins_no_contacts():
     assert is_other_law(one, dahl) and not is_other_law(one, other)
     left = {option.prefix for option in candidates(catalogue(), where, (rail,))}
     assert "bearing.coulomb_friction" in left and "rail.dahl_friction" not in left
+
+
+def test_waves_are_tried_from_one_number_as_all_others_are_looked_for_along_it():
+    where = places(DrivenCart(), ("bearing.phi", "encoder.s", "motor.i"), catalogue())
+    starts = [o.values for o in candidates(catalogue(), where, ()) if o.card.id == "chain_polygon"]
+    assert {start["N"] for start in starts} == {12.0}
+    assert sorted(start["psi"] for start in starts) == [0.0, 0.25, 0.5, 0.75]
 
 
 def test_against_forces_what_gains_less_than_a_third_of_the_laws_found_is_their_shape(fitted):

@@ -19,6 +19,7 @@ from cartpend_dae.effects import insertion_at, places
 from cartpend_dae.effects.card import SPAN
 from cartpend_dae.errors import SolverError
 from cartpend_dae.uncertainty import Estimate
+from models.driven_cart import DrivenCart
 from models.linear_damp_mod import LinearDampMod
 from models.rota_damp import RotaDamp
 
@@ -50,6 +51,15 @@ def test_other_laws_of_a_link_are_fitted_whatever_they_promise(fitted, noise):  
     assert other_laws([gap], others) == others[:1]
     assert other_laws([replace(gap, fit=noise)], others) == others[:1]
     assert not other_laws([replace(others[2], fit=noise, early=3000.0)], others[:2])
+
+
+def test_what_a_link_passes_on_tells_nothing_of_a_loss_of_gears(fitted):  # noqa: F811
+    """Where a loss of gears was near a friction that was right, gaps of the gears took 6 s of 60."""
+    at = (DrivenCart(), "gears.flange_R")
+    loss = replace(fitted("load_dependent_friction", 9.0, 3000.0, *at, mu=0.1), early=3000.0)
+    gap, spring = fitted("backlash", 9.0, 3000.0, *at, b=1e-3), fitted("compliance", 0.0, 0.0, *at, h=1e-6)
+    assert not other_laws([loss], [gap, spring])
+    assert names(other_laws([loss, replace(gap, early=3000.0)], [spring])) == ["compliance"]
 
 
 @pytest.mark.parametrize("n", [0.05, 0.0])

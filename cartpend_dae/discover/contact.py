@@ -11,9 +11,14 @@ def is_other_law(one: Candidate, other: Candidate) -> bool:
 
 
 def is_other_link(one: Candidate, other: Candidate) -> bool:
-    """Return whether two candidates are laws of what stands between the same two points, such as a chain."""
+    """Return whether two candidates are laws of what gives way between the same two points, such as a chain."""
     a, b = one.insertion, other.insertion
-    return a.card is not b.card and a.card.insertion == b.card.insertion == "series" and a.place.at == b.place.at
+    return a.card is not b.card and gives_way(a.card) and gives_way(b.card) and a.place.at == b.place.at
+
+
+def gives_way(card: Card) -> bool:
+    """Return whether an effect is a law of how a link gives way to what it carries; a loss of gears is none."""
+    return card.insertion == "series" and any(term.endswith("tau") for term in card.regressors)
 
 
 def is_dry(card: Card) -> bool:

@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain
+from typing import Any
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -31,6 +33,8 @@ SLIGHT = 0.02
 # what promises this share of the best is tried from the other starts of what corrects its law: the width of a gap that
 # they tell is another one
 SOMETHING = 0.1
+# so many effects are judged along one simulation
+ABREAST = 30
 # what promises less than this share of what is left promises nothing but rounding
 ROUNDING = 1e-14
 UNSEEN = "no sensor sees it apart from what is free already"
@@ -39,15 +43,22 @@ UNSEEN = "no sensor sees it apart from what is free already"
 def candidates(cards: tuple[Card, ...], places: tuple[Place, ...], taken: tuple[Insertion, ...]) -> list[Insertion]:
     """Return every effect at every place that fits, from each of its starts, except what the model has already.
 
-    A contact has one law of dry friction: where the model has one, another is no addition.
+    A contact has one law of dry friction: where the model has one, another is no addition. All waves are tried along
+    the simulation from the first start of their numbers.
     """
     names = {insertion.prefix for insertion in taken}
     rubbing = [insertion.place for insertion in taken if is_dry(insertion.card)]
     rubbed = [place for place in places if any(moves_alike(place, other) for other in rubbing)]
     fitting = [(card, place) for place in places for card in cards if fits(card, place)]
     fitting = [(card, place) for card, place in fitting if not (is_dry(card) and place in rubbed)]
-    found = [Insertion(card, place, start) for card, place in fitting for start in card.starts(place.kind)]
+    found = [Insertion(card, place, start) for card, place in fitting for start in _starts(card, place)]
     return [insertion for insertion in found if insertion.prefix not in names]
+
+
+def _starts(card: Card, place: Place) -> list[dict[str, float]]:
+    """Return the starts of a card with the first number of each of its waves."""
+    first = {item.names[place.kind]: item.starts_at(place.kind)[0] for item in card.parameters if item.role == "wave"}
+    return [start for start in card.starts(place.kind) if all(start[name] == first[name] for name in first)]
 
 
 def screen(
@@ -89,78 +100,94 @@ def screen(
         effect stands once at a place, with the start that promises most; the next best is among its `others` if it
         promises about as much, as a fit may end elsewhere from there.
     """
-    names = tuple(option.content for option in (*taken, *options))
-    against = None if weighed is None else (weighed.linear, weighed.bandwidth, weighed.forces)
-    trail = None if weighed is None or weighed.trail is None else weighed.trail.content
-    at = At(bench, taken, point, bandwidth, sd, weighed)
-    depends = names, len(taken), dict(point), bandwidth, sd, against, trail
-    kept = bench.store.recall("screen", depends, lambda: _kept(at, options))
-    chosen = [replace(options[p.number], values=p.values) for p in kept]
-    found = [
-        Candidate(option, p.parameters, p.predicted, 0.0, 0.0, None, p.why_not, p.response)
-        for option, p in zip(chosen, kept, strict=True)
-    ]
-    ranked = sorted(found, key=lambda candidate: (bool(candidate.why_not), -candidate.predicted))
-    best: dict[str, Candidate] = {}
-    for candidate in ranked:
-        first = best.setdefault(candidate.insertion.prefix, candidate)
-        is_near = not candidate.why_not and candidate.predicted > NEAR * first.predicted
-        if candidate is not first and is_near and not first.others:
-            best[candidate.insertion.prefix] = replace(first, others=(candidate,))
-    return list(best.values())
+    return Screening(At(bench, taken, point, bandwidth, sd, weighed), options).found()
 
 
-def promise(
-    bench: Workbench,
-    taken: tuple[Insertion, ...],
-    point: Mapping[str, float],
-    options: list[Insertion],
-    bandwidth: float,
-    sd: np.ndarray,
-) -> float:
-    """Return by how much the cost would fall with the best of the effects that one simulation tells of, as a screening.
+@dataclass(frozen=True)
+class Screening:
+    """A screening of effects at a fit: what one simulation tells comes first, and is kept for the screening of all."""
 
-    Arguments are those of `screen`; each effect has the first of its starts.
-    """
-    names = tuple(option.content for option in (*taken, *options))
-    at = At(bench, taken, point, bandwidth, sd, None)
-    depends = names, len(taken), dict(point), bandwidth, sd
-    batch = batches(options)[0]
-    parts = [part for part in (batch[::2], batch[1::2]) if part]
+    at: At
+    options: list[Insertion]
 
-    def most() -> float:
-        return max(in_parallel(lambda part: _promise(at, part), parts, jobs=bench.jobs))
+    @cached_property
+    def batches(self) -> list[tuple[Insertion, ...]]:
+        """The effects in groups that one simulation tells of; the first one has one start of each."""
+        return batches(self.options)
 
-    return bench.store.recall("promise", depends, most)
+    @cached_property
+    def first(self) -> list["_Batch"]:
+        """What a simulation tells of the first group, which takes longest, as better shapes are looked for in it."""
+        return _swept(self.at, self.batches[:1], with_shapes=True)
 
+    @cached_property
+    def better(self) -> list["_Batch"]:
+        """What the first group does from those better shapes, such as other waves."""
+        again = [option for batch in self.first for option in batch.again]
+        return _swept(self.at, batches(again), with_shapes=False)
 
-def _promise(at: At, batch: tuple[Insertion, ...]) -> float:
-    try:
-        found = at.sweep(batch, False)
-    except UNSOLVED:
-        return 0.0
-    smooth = tuple(option for option in batch if all(name in found.sizes for name in option.size_names))
-    return max((c.predicted for c, _ in _predictions(smooth, found) if not c.why_not), default=0.0)
+    @property
+    def depends(self) -> tuple[Any, ...]:
+        """All that it depends on besides the study."""
+        at, weighed = self.at, self.at.weighed
+        names = tuple(option.content for option in (*at.taken, *self.options))
+        against = None if weighed is None else (weighed.linear, weighed.bandwidth, weighed.forces)
+        trail = None if weighed is None or weighed.trail is None else weighed.trail.content
+        return names, len(at.taken), dict(at.point), at.bandwidth, at.sd, against, trail
 
+    @property
+    def promise(self) -> float:
+        """By how much the cost would fall with the best of the effects that one simulation tells of, from one start."""
 
-def _kept(at: At, options: list[Insertion]) -> list[Prediction]:
-    """Screen all, as it can be kept on disk."""
-    grouped = batches(options)
-    # shapes are looked for along the first batch, which takes longest: it is judged in two parts
-    parts = [part for batch in grouped[:1] for part in (batch[::2], batch[1::2]) if part]
-    done = _swept(at, [*parts, *grouped[1:]], with_shapes=True)
-    again = [option for batch in done for option in batch.again]
-    done += _swept(at, batches(again), with_shapes=False)
-    found = _told(at, done)
-    if further := _corrected(found):
-        found += _told(at, _swept(at, batches(further), with_shapes=False), found)
-    named = {option.prefix: k for k, option in enumerate(options)}
-    return [
-        Prediction(
-            named[c.insertion.prefix], dict(c.insertion.values), c.parameters, c.predicted, c.why_not, c.response
-        )
-        for c in found
-    ]
+        def most() -> float:
+            smooth = (c for b in self.first for c, _ in b.judged if b.rough.isdisjoint(c.insertion.size_names))
+            return max((c.predicted for c in smooth if not c.why_not), default=0.0)
+
+        return self.at.bench.store.recall("promise", self.depends, most)
+
+    @property
+    def glance(self) -> float:
+        """By how much with the best from better shapes as well, and of those whose predictions may be rough."""
+
+        def most() -> float:
+            judged = (c for b in (*self.first, *self.better) for c, _ in b.judged if not c.why_not)
+            return max((c.predicted for c in judged), default=0.0)
+
+        return self.at.bench.store.recall("glance", self.depends, most)
+
+    def found(self) -> list[Candidate]:
+        """Return all candidates, the most promising first; see `screen`."""
+        kept = self.at.bench.store.recall("screen", self.depends, self._kept)
+        chosen = [replace(self.options[p.number], values=p.values) for p in kept]
+        found = [
+            Candidate(option, p.parameters, p.predicted, 0.0, 0.0, None, p.why_not, p.response)
+            for option, p in zip(chosen, kept, strict=True)
+        ]
+        ranked = sorted(found, key=lambda candidate: (bool(candidate.why_not), -candidate.predicted))
+        best: dict[str, Candidate] = {}
+        for candidate in ranked:
+            first = best.setdefault(candidate.insertion.prefix, candidate)
+            is_near = not candidate.why_not and candidate.predicted > NEAR * first.predicted
+            if candidate is not first and is_near and not first.others:
+                best[candidate.insertion.prefix] = replace(first, others=(candidate,))
+        return list(best.values())
+
+    def _kept(self) -> list[Prediction]:
+        """Screen all, as it can be kept on disk."""
+        at = self.at
+        rest = _swept(at, self.batches[1:], with_shapes=True)
+        again = [option for batch in rest for option in batch.again]
+        done = [*self.first, *rest, *self.better, *_swept(at, batches(again), with_shapes=False)]
+        found = _told(at, done)
+        if further := _corrected(found):
+            found += _told(at, _swept(at, batches(further), with_shapes=False), found)
+        named = {option.prefix: k for k, option in enumerate(self.options)}
+        return [
+            Prediction(
+                named[c.insertion.prefix], dict(c.insertion.values), c.parameters, c.predicted, c.why_not, c.response
+            )
+            for c in found
+        ]
 
 
 def _told(at: At, done: list["_Batch"], before: Sequence[Candidate] = ()) -> list[Candidate]:
@@ -186,7 +213,9 @@ def _corrected(found: list[Candidate]) -> list[Insertion]:
 
 
 def _swept(at: At, batches: list[tuple[Insertion, ...]], *, with_shapes: bool) -> list["_Batch"]:
-    return list(in_parallel(lambda batch: _screened(at, batch, with_shapes), batches, jobs=at.bench.jobs))
+    """Judge batches, in parts that take about as long as one another."""
+    parts = [batch[k :: -(-len(batch) // ABREAST)] for batch in batches for k in range(-(-len(batch) // ABREAST))]
+    return list(in_parallel(lambda part: _screened(at, part, with_shapes), parts, jobs=at.bench.jobs))
 
 
 def _settled(at: At, done: list["_Batch"]) -> list[Judged]:

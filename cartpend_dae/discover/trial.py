@@ -117,7 +117,7 @@ def _tried(
     if laws:
         new, enough = _first_fits(bench, base, rules, stage, laws, enough)
         early, wide = early + new, wide + laws
-    if not any(_explains_most(c, base.fits[stage]) for c in early):
+    if enough is None and not any(_explains_most(c, base.fits[stage]) for c in early):
         others = [c for c in possible if c not in wide and c not in elsewhere]
         later = [c for c in others if c.predicted > FAINT * possible[0].predicted][:WIDE]
         early += _first_fits(bench, base, rules, stage, later, enough)[0]
