@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.discover.grid import grid
-from cartpend_dae.discover.slopes import LOST, Along, Local, Slopes, Table, slopes_of
+from cartpend_dae.discover.slopes import Along, Local, Slopes, Table, slopes_of, without_lost
 from cartpend_dae.effects import Insertion
 from cartpend_dae.effects.card import EffectParameter
 
@@ -291,9 +291,7 @@ class _Law:
         moved = found[:, :n_rows]
         for k, equation in enumerate(self.hidden):  # one product after the other: numpy is slow at many small matrices
             moved = moved - self.scan.through[:, self.rows, equation, None] * found[:, n_rows + k, None, :]
-        # not a number is not less than anything
-        is_told = (np.abs(moved) < LOST).all(axis=(0, 1))
-        return moved if is_told.all() else np.where(is_told, moved, 0.0)
+        return without_lost(moved)[0]
 
 
 def _columns(rows: list[int], growth: np.ndarray, scan: Scan) -> np.ndarray:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cartpend_dae.discover.bases import Library, base_of, fit_base, noise_alone, noise_rules, place_with_a_future
+from cartpend_dae.discover.carried import carries_over
 from cartpend_dae.discover.choice import SHAPE, beyond_shape, least_beyond, step_of
 from cartpend_dae.discover.couple import couple, plainer, simpler
 from cartpend_dae.discover.disturbed import fitted, polished
@@ -205,7 +206,8 @@ def _against_forces(
             return rules, start, log.base
         log.back_to(before)
         return old
-    if is_most(without[1]) and not (log.steps and not _explains_less(bench, base, found[0].candidate, noise)):
+    may_stand = is_most(without[1]) and carries_over(bench, *without, noise)
+    if may_stand and not (log.steps and not _explains_less(bench, base, found[0].candidate, noise)):
         log.back_to(before)
         return old
     return rules, start, base

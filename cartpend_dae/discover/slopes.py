@@ -81,6 +81,14 @@ def _reduced(system: System, own: list[int], inside: list[int]) -> System:
     )
 
 
+def without_lost(*parts: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return arrays (n, n_rows, n_columns) with zeros in each column that is lost in one of them somewhere."""
+    with np.errstate(invalid="ignore"):
+        # not a number is not less than anything
+        kept = np.all([(np.abs(part) < LOST).all(axis=(0, 1)) for part in parts], axis=0)
+    return parts if kept.all() else tuple(np.where(kept, part, 0.0) for part in parts)
+
+
 @dataclass(frozen=True, slots=True)
 class Growth:
     """df/ds at both ends of the interval after each sample, (n, n_own, n_sizes), and dh/ds, (n, n_y, n_sizes)."""
@@ -98,11 +106,7 @@ class Growth:
 
     def where_finite(self) -> "Growth":
         """Return the same with zeros for the sizes whose effects are lost somewhere."""
-        parts = (self.left, self.right, self.outputs)
-        with np.errstate(invalid="ignore"):
-            # not a number is not less than anything
-            kept = np.all([(np.abs(part) < LOST).all(axis=(0, 1)) for part in parts], axis=0)
-        return self if kept.all() else Growth(*(np.where(kept, part, 0.0) for part in parts))
+        return Growth(*without_lost(self.left, self.right, self.outputs))
 
 
 @dataclass(frozen=True)
