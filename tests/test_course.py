@@ -50,7 +50,7 @@ def loads_of(bench: Workbench) -> tuple:
 def test_the_smoother_is_least_squares_over_all_forces(n_y):
     chain = chain_of(n_y)
     chain.noise[:] = 0.0
-    sizes, times = np.array([3.0, 40.0]), np.array([0.1, 0.5])
+    sizes, times = np.array([[3.0, 40.0], [6.0, 10.0]]), np.array([[0.1, 0.5], [0.5, 0.2]])
     generator = np.random.default_rng(4)
     rows = chain.spread(generator.standard_normal((int(chain.measured.sum()), 3)))
     white, states, forces = smoothed(chain, rows, sizes, times)
@@ -60,9 +60,9 @@ def test_the_smoother_is_least_squares_over_all_forces(n_y):
     n_x, keep = chain.error.shape[2], np.exp(-WIDTH / times)
     moved = np.zeros((N, 2, N, n_x))
     prior = np.zeros((2, N, N))
-    for begin, end in ((0, 70), (70, N)):
+    for run, (begin, end) in enumerate(((0, 70), (70, N))):
         lags = np.abs(np.subtract.outer(np.arange(begin, end), np.arange(begin, end)))
-        prior[:, begin:end, begin:end] = sizes[:, None, None] ** 2 * keep[:, None, None] ** lags
+        prior[:, begin:end, begin:end] = sizes[run, :, None, None] ** 2 * keep[run, :, None, None] ** lags
         for k in range(begin, end):
             for d in range(2):
                 x = np.zeros(n_x)
@@ -88,7 +88,7 @@ def test_what_grows_beyond_all_numbers_is_no_course(monkeypatch):
 
     with monkeypatch.context() as patch, pytest.raises(SolverError, match="grows beyond all numbers"):
         patch.setattr(np.linalg, "cholesky", indefinite)
-        smoothed(chain_of(1), np.ones((N, 1, 2)), np.array([3.0, 40.0]), np.array([0.1, 0.5]))
+        smoothed(chain_of(1), np.ones((N, 1, 2)), np.array([[3.0, 40.0]] * 2), np.array([[0.1, 0.5]] * 2))
     bench, sd = cart(FRICTION, 0), np.array([NOISE])
     effect, loads = (insertion_at(bench.setup.model, "coulomb_friction", "rail"),), loads_of(bench)
     guess = {"rail.coulomb_friction.f_c": 30.0}
@@ -108,7 +108,7 @@ def test_what_is_linear_is_as_likely_along_any_course():
     loads, sd, found = loads_of(bench), np.array([NOISE]), []
     for bandwidth in (2.0, 50.0):
         model, course = led(bench, (), loads, {}, bandwidth, sd)
-        found.append(_at(model, course, Forces(model.names, np.array([1.0]), np.array([0.3]))))
+        found.append(_at(model, course, Forces(model.names, np.full((2, 1), 1.0), np.full((2, 1), 0.3))))
     assert np.abs(found[0].course.states - found[1].course.states).max() > 1e-3
     assert found[0].criterion == pytest.approx(found[1].criterion, abs=1e-3)
 

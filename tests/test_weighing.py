@@ -31,12 +31,14 @@ def test_a_size_that_nothing_tells_stays_small():
 
 
 def test_forces_near_known_ones_are_tried_as_they_are_and_with_a_little_of_those_that_were_nothing():
-    sizes, times = np.array([3.0, 0.0]), np.array([0.05, 0.7])
-    chain = SimpleNamespace(names=("a", "b"))
+    sizes, times = np.array([[3.0, 0.0], [4.0, 0.0]]), np.array([[0.05, 0.7], [0.2, 0.7]])
+    chain = SimpleNamespace(names=("a", "b"), first=(0, 2))
     found = SimpleNamespace(residual=np.full(4, 5.0), sizes={"a": np.ones(4)}, rough={"b": np.full(4, 0.5)})
     tried, widths = weigh.first_sets(found, chain, weigh.Forces(("a", "b"), sizes, times))
     assert np.array_equal(tried[0], sizes) and np.array_equal(widths[0], times)
-    assert np.array_equal(tried[1], [3.0, weigh.AGAIN * 10.0]) and np.array_equal(widths[1], times)
+    assert np.array_equal(tried[1], [[3.0, weigh.AGAIN * 10.0], [4.0, weigh.AGAIN * 10.0]]) and np.array_equal(
+        widths[1], times
+    )
 
 
 def test_a_model_is_fitted_until_it_gains_nothing_by_itself(monkeypatch):

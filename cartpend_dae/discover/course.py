@@ -180,7 +180,7 @@ def smoothed(
     rows
         Residuals and derivatives at the samples, shape (n, n_y, m), with noise of size 1.
     sizes, times
-        Standard deviation and correlation time [s] of each force, shape (n_d,).
+        Standard deviation and correlation time [s] of each force in each run, shape (n_runs, n_d).
 
     Returns
     -------
@@ -194,13 +194,14 @@ def smoothed(
         If what is linear grows so fast that a covariance is none any more.
     """
     n, n_y, m = rows.shape
-    n_x, whole = chain.transition.shape[1], chain.transition.shape[1] + len(sizes)
+    n_x, whole = chain.transition.shape[1], chain.transition.shape[1] + sizes.shape[1]
     inner = np.arange(n_x, whole)
     samples, is_on = side_by_side(chain)
     n_runs = samples.shape[1]
     seen = np.zeros((n, n_y, whole))
     seen[:, :, :n_x] = chain.error * chain.measured[:, :, None]
-    keep = np.exp(-chain.width[:, None] / times)
+    run = np.searchsorted(chain.first, np.arange(n), side="right") - 1
+    keep = np.exp(-chain.width[:, None] / times[run])
     ways = np.zeros((n, whole, whole))
     ways[:, :n_x, :n_x], ways[:, :n_x, n_x:], ways[:, inner, inner] = chain.transition, chain.pushes, keep
     rows = np.where(chain.measured[:, :, None], rows, 0.0)

@@ -185,13 +185,13 @@ def _predictions(pairs: list[tuple[Candidate, list[np.ndarray]]], base: Weighed)
     new = [column for (_, columns), good in zip(pairs, is_good, strict=True) if good for column in columns]
     rows = base.chain.spread(np.column_stack([*known, *new]))
     sizes = np.array([share * base.forces.sizes for share in LEFT])
-    white = whitened(base.chain, rows, sizes, np.tile(base.forces.times, (len(LEFT), 1)))
+    white = whitened(base.chain, rows, sizes, np.tile(base.forces.times, (len(LEFT), 1, 1)))
     grams = [_new(one[base.chain.measured], len(known)) for one in white.rows]
     n, first, found = int(base.chain.measured.sum()), 1, []
     for (candidate, columns), good in zip(pairs, is_good, strict=True):
         if good:
             own = list(range(first, first + len(columns)))
-            found.append(_predicted(candidate, own, grams, white.determinant, n, base))
+            found.append(_predicted(candidate, own, grams, white.determinant.sum(axis=1), n, base))
             first += len(columns)
         else:
             found.append(replace(candidate, predicted=0.0, why_not=candidate.why_not or LOST))

@@ -26,6 +26,7 @@ from cartpend_dae.discover.weigh import (
     Forces,
     Weighed,
     first_sets,
+    in_all_runs,
     jackknife,
     most_likely,
     point_at,
@@ -100,7 +101,7 @@ def refined(
     variables = [(model.problem.variables[i], seen.course.values[i]) for i in model.fitted]
     free = [(item, v) for item, v in variables if item in model.problem.layout.free]
     most = np.array([abs(item.value(v) / item.slope(v)) for item, v in free])
-    validated, spread = jackknife(white.rows[0], white.determinant[0], chain, most)
+    validated, spread = jackknife(white.rows[0], white.determinant[0].sum(), chain, most)
     sds = {item.name: item.slope(v) * float(s) for (item, v), s in zip(free, spread, strict=True)}
     return ahead, replace(after, criterion=seen.criterion, validated=validated, forces=seen.forces, sd=sds)
 
@@ -131,7 +132,7 @@ def _first(
     courses: list[tuple[Forced, _Seen]] = []
     names = tuple(load.size_names[0] for load in acting)
     order = [weighed.forces.names.index(name) for name in names]
-    sizes, times = weighed.forces.sizes[order], weighed.forces.times[order]
+    sizes, times = weighed.forces.sizes[:, order], weighed.forces.times[:, order]
     allowed = np.clip(times, *ALLOWED)
     near = Forces(names, sizes * np.sqrt(times / allowed), allowed)
     for bandwidth in (float(fit.bandwidth[0]), FAST * sampling_rate(bench)):
@@ -180,16 +181,16 @@ def _at(model: Forced, course: Course, near: Forces) -> _Seen:
 
 
 def _near(forces: Forces) -> tuple[np.ndarray, np.ndarray]:
-    """Return sizes and times (n_sets, n_d) to try: as they are, each force otherwise, and all with one time."""
-    sets = [(forces.sizes, forces.times)]
+    """Return sizes and times (n_sets, n_runs, n_d) to try: as they are, each force otherwise, and all with one time."""
+    sets = [(forces.sizes, forces.times), in_all_runs(forces.sizes, forces.times)]
     for d in range(len(forces.names)):
         for factor, time in NEARBY:
             size, width = forces.sizes.copy(), forces.times.copy()
-            size[d], width[d] = factor * size[d], np.clip(time * width[d], *ALLOWED)
+            size[:, d], width[:, d] = factor * size[:, d], np.clip(time * width[:, d], *ALLOWED)
             sets.append((size, width))
     for time in TIMES:  # as strong at low frequencies
         alike = forces.sizes * np.sqrt(forces.times / time)
-        sets += [(factor * alike, np.full(alike.size, time)) for factor in TOGETHER]
+        sets += [(factor * alike, np.full(alike.shape, time)) for factor in TOGETHER]
     return np.array([size for size, _ in sets]), np.array([width for _, width in sets])
 
 

@@ -62,8 +62,7 @@ def push_left(before: Base, after: Base) -> float:
     if before.weighed is None or after.weighed is None:
         return np.inf
     old, new = (
-        dict(zip(one.forces.names, one.forces.sizes * np.sqrt(one.forces.times), strict=True))
-        for one in (before.weighed, after.weighed)
+        dict(zip(one.forces.names, one.forces.strengths, strict=True)) for one in (before.weighed, after.weighed)
     )
     left = {name: size for name, size in new.items() if size}
     return max((size / old[name] for name, size in left.items() if old.get(name)), default=np.inf if left else 0.0)

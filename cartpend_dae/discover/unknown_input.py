@@ -64,7 +64,7 @@ class Chain:
 
 @dataclass(frozen=True, slots=True)
 class White:
-    """Innovations (n_sets, n, n_y, m) of rows under sets of forces, ln det of their covariance (n_sets,).
+    """Innovations (n_sets, n, n_y, m) of rows under sets of forces, ln det of their covariance (n_sets, n_runs).
 
     `gain` (n_sets, n_x, n_y) is the median gain of the filter.
     """
@@ -88,20 +88,20 @@ def whitened(chain: Chain, rows: np.ndarray, sizes: np.ndarray, times: np.ndarra
     rows
         Residuals and derivatives at the samples (n, n_y, m).
     sizes, times
-        Standard deviation and correlation time [s] of each force, shapes (n_sets, n_d).
+        Standard deviation and correlation time [s] of each force in each run, shapes (n_sets, n_runs, n_d).
     """
     n, n_y, m = rows.shape
     n_x, n_d, n_sets = chain.transition.shape[1], chain.pushes.shape[2], len(sizes)
     whole, inner = n_x + n_d, np.arange(n_x, n_x + n_d)
     seen, step, known = _with_forces(chain, rows)
     samples, is_on = side_by_side(chain)
-    keep = np.exp(-chain.width[samples][:, None, :, None] / times[:, None])
-    pushed = sizes[:, None] ** 2 * (1 - keep**2)
+    keep = np.exp(-chain.width[samples][:, None, :, None] / times)
+    pushed = sizes**2 * (1 - keep**2)
     out = np.empty((n_sets, n, n_y, m))
     gains, scales = np.empty((n, n_sets, n_x, n_y)), np.empty((n, n_sets, n_y))
     n_runs = samples.shape[1]
     variance = np.zeros((n_sets, n_runs, whole, whole))
-    variance[:, :, inner, inner] = sizes[:, None] ** 2
+    variance[:, :, inner, inner] = sizes**2
     state, eye = np.zeros((n_sets, n_runs, whole, m)), np.eye(n_y)
     # the covariance of what is seen, then what is divided by its root: new rows, covariance with the states, and 1
     table = np.zeros((n_sets, n_runs, n_y, n_y + m + whole + n_y))
@@ -125,7 +125,8 @@ def whitened(chain: Chain, rows: np.ndarray, sizes: np.ndarray, times: np.ndarra
         variance = moves @ (variance - gain @ table[..., across]) @ moves.swapaxes(2, 3)
         variance[:, :, inner, inner] += pushed[k]
         variance = (variance + variance.swapaxes(2, 3)) / 2
-    return White(out, 2 * np.log(scales).sum(axis=(0, 2)), np.median(gains, axis=0))
+    determinants = np.add.reduceat(2 * np.log(scales).sum(axis=2), list(chain.first), axis=0)
+    return White(out, determinants.T, np.median(gains, axis=0))
 
 
 def _with_forces(chain: Chain, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

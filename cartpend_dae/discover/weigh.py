@@ -7,7 +7,7 @@ import numpy as np
 
 from cartpend_dae.discover.sweep import Sweep, sweep
 from cartpend_dae.discover.trail import Trail
-from cartpend_dae.discover.unknown_input import Chain, left_over, likelihood, whitened
+from cartpend_dae.discover.unknown_input import Chain, White, left_over, likelihood, whitened
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Insertion, Place, catalogue, fits
 from cartpend_dae.errors import SolverError
@@ -32,15 +32,22 @@ BLOCKS = 30
 # forces that move the data alike to this cosine are one
 ALIKE = 0.98
 TINY = 1e-150
+# share by which numbers of runs differ that are not the same
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class Forces:
-    """Random forces: names, standard deviations [SI] and correlation times [s]."""
+    """Random forces: names, and in each run standard deviations [SI] and correlation times [s], (n_runs, n_d)."""
 
     names: tuple[str, ...]
     sizes: np.ndarray
     times: np.ndarray
+
+    @property
+    def strengths(self) -> np.ndarray:
+        """How strong each is at low frequencies, the mean square of all runs, shape (n_d,)."""
+        return np.sqrt(np.mean(self.sizes**2 * self.times, axis=0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +148,7 @@ def weigh(
     free = bench.problem(taken).layout.free
     values = scaled_values(bench.problem(taken), point)
     most = np.array([abs(item.value(v) / item.slope(v)) for item, v in zip(free, values, strict=False)])
-    validated, spread = jackknife(white.rows[0], white.determinant[0], chain, most)
+    validated, spread = jackknife(white.rows[0], white.determinant[0].sum(), chain, most)
     moved = np.clip(values + step_of(white.rows[0][chain.measured]), *bounds(bench.problem(taken)))
     ahead = point_at(bench.problem(taken), moved)
     sds = {item.name: item.slope(v) * float(s) for item, v, s in zip(free, values, spread, strict=False)}
@@ -175,20 +182,21 @@ def _distinct(found: Sweep) -> tuple[str, ...]:
 
 
 def first_sets(found: Sweep, chain: Chain, near: Forces | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return sets of sizes and times to begin with, (n_sets, n_d) each: multiples of those `near`, if there are any."""
+    """Return sets of sizes and times to begin with, (n_sets, n_runs, n_d) each: multiples of those `near`, if any."""
     if near is not None:
         places = [near.names.index(name) for name in chain.names]
-        sizes, times = near.sizes[places], near.times[places]
+        sizes, times = near.sizes[:, places], near.times[:, places]
         sets = [(factor, time) for factor in LEFT for time in TIMES]
         # forces of another time are as strong at low frequencies
         scaled = [factor * sizes * np.sqrt(times / time) for factor, time in sets]
         # as they are, and with a little of those that were nothing, which no factor brings back
         some = np.where(sizes > 0, sizes, AGAIN * _units(found, chain))
-        alike = [np.full(times.size, time) for _, time in sets]
-        return np.array([sizes, some, *scaled]), np.array([times, times, *alike])
-    unit = _units(found, chain)
+        alike = [np.full(times.shape, time) for _, time in sets]
+        both = in_all_runs(sizes, times)
+        return np.array([sizes, some, both[0], *scaled]), np.array([times, times, both[1], *alike])
+    unit = np.tile(_units(found, chain), (len(chain.first), 1))
     sets = [(0.0, TIMES[0]), *((share, time) for share in SHARES for time in TIMES)]
-    return np.array([share * unit for share, _ in sets]), np.array([np.full(unit.size, t) for _, t in sets])
+    return np.array([share * unit for share, _ in sets]), np.array([np.full(unit.shape, t) for _, t in sets])
 
 
 def _units(found: Sweep, chain: Chain) -> np.ndarray:
@@ -197,36 +205,84 @@ def _units(found: Sweep, chain: Chain) -> np.ndarray:
     return np.array([whole / np.linalg.norm(columns[name]) for name in chain.names])
 
 
+_Set = tuple[np.ndarray, np.ndarray]
+"""Sizes and times of forces, (n_runs, n_d) each."""
+
+
 def most_likely(
     chain: Chain, rows: np.ndarray, sets: tuple[np.ndarray, np.ndarray], rounds: int
 ) -> tuple[Forces, float]:
-    """Return the most likely of sets of forces, improved force by force."""
-    sizes, times = sets
-    best, criterion = _best(chain, rows, sizes, times)
-    now = sizes[best], times[best]
+    """Return the most likely of sets of forces, improved force by force, in all runs alike and in each of its own.
+
+    What differs from run to run costs ln n of n values each (BIC), as it fits those of short runs by chance; and it is
+    there, as with one correlation time for runs with 0.2 and 0.6 s, springs gained 96 of -2 ln likelihood where
+    nothing was missing, and 23 with those of each run (blind set 1187 of the driven cart).
+
+    References
+    ----------
+    G. Schwarz, Ann. Statist. 6 (1978), 461-464, doi:10.1214/aos/1176344136 (the cost of a number).
+    """
+    now, criterion = _best(chain, rows, *sets)
     for _ in range(rounds):
         before = criterion
         for d in range(len(chain.names)):
-            sizes, times = (np.tile(part, (len(FINER), 1)) for part in now)
-            sizes[:, d] *= [factor for factor, _ in FINER]
-            times[:, d] = np.minimum(times[:, d] * [factor for _, factor in FINER], LONGEST)
-            best, found = _best(chain, rows, sizes, times)
-            if found < criterion:
-                now, criterion = (sizes[best], times[best]), found
+            sizes, times = (np.tile(part, (len(FINER) + 2, 1, 1)) for part in now)
+            factors, slower = np.array([(1.0, 1.0), *FINER]).T[:, :, None]
+            sizes[:-1, :, d] *= factors
+            times[:-1, :, d] = np.minimum(times[:-1, :, d] * slower, LONGEST)
+            sizes[-1, :, d], times[-1, :, d] = (part[:, d] for part in in_all_runs(*now))
+            end, left = _best(chain, rows, sizes, times)
+            if left < criterion:
+                now, criterion = end, left
         if before - criterion < LITTLE:
             break
     return Forces(chain.names, *now), criterion
 
 
-def _best(chain: Chain, rows: np.ndarray, sizes: np.ndarray, times: np.ndarray) -> tuple[int, float]:
-    white = whitened(chain, rows, sizes, times)
-    n = int(chain.measured.sum())
-    found = [
-        float(likelihood(n, left_over(one[chain.measured]), determinant))
-        for one, determinant in zip(white.rows, white.determinant, strict=True)
-    ]
+def in_all_runs(sizes: np.ndarray, times: np.ndarray) -> _Set:
+    """Return sizes and times (n_runs, n_d) that are one in all runs: as large, and as strong at low frequencies."""
+    size, strength = (np.sqrt(np.mean(part, axis=0)) for part in (sizes**2, sizes**2 * times))
+    time = np.where(size > 0, (strength / np.where(size > 0, size, 1.0)) ** 2, times.mean(axis=0))
+    return np.tile(size, (len(sizes), 1)), np.tile(time, (len(sizes), 1))
+
+
+def _best(chain: Chain, rows: np.ndarray, sizes: np.ndarray, times: np.ndarray) -> tuple[_Set, float]:
+    """Return the best of sets of forces, or what suits each run best of them, and its criterion."""
+    white, found = _tried(chain, rows, sizes, times)
     best = int(np.argmin(found))
-    return best, found[best]
+    each = _best_of_runs(chain, white, best)
+    if np.any(each != best):
+        runs = np.arange(each.size)
+        _, (left,) = _tried(chain, rows, sizes[None, each, runs], times[None, each, runs])
+        if left < found[best]:
+            return (sizes[each, runs], times[each, runs]), left
+    return (sizes[best], times[best]), found[best]
+
+
+def _tried(chain: Chain, rows: np.ndarray, sizes: np.ndarray, times: np.ndarray) -> tuple[White, list[float]]:
+    """Return innovations under sets of forces, and -2 ln likelihood of each with the cost of numbers for each run."""
+    white = whitened(chain, rows, sizes, times)
+    n, left = int(chain.measured.sum()), [left_over(one[chain.measured]) for one in white.rows]
+    costs = np.log(n) * (_own(sizes) + _own(times))
+    return white, (likelihood(n, np.array(left), white.determinant.sum(axis=1)) + costs).tolist()
+
+
+def _own(numbers: np.ndarray) -> np.ndarray:
+    """Return how many numbers there are besides one for all runs, (n_sets,), of sets (n_sets, n_runs, n_d)."""
+    return np.sum(
+        np.abs(np.diff(np.sort(numbers, axis=1), axis=1)) > ROUNDING * numbers.max(axis=1, keepdims=True), axis=(1, 2)
+    )
+
+
+def _best_of_runs(chain: Chain, white: White, best: int) -> np.ndarray:
+    """Return which set suits each run best, with what is fitted as the best one has it, shape (n_runs,)."""
+    known = white.rows[best][chain.measured]
+    if not np.all(np.isfinite(known)):
+        return np.full(len(chain.first), best)
+    left = white.rows @ np.r_[1.0, step_of(known)]
+    squares = np.where(chain.measured, left, 0.0) ** 2
+    by_run = np.add.reduceat(squares.sum(axis=2), list(chain.first), axis=1) + white.determinant
+    return np.argmin(np.where(np.isfinite(by_run), by_run, np.inf), axis=0)
 
 
 def jackknife(white: np.ndarray, determinant: float, chain: Chain, most: np.ndarray) -> tuple[float, np.ndarray]:
