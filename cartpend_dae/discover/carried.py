@@ -19,7 +19,7 @@ def carries_over(bench: Workbench, before: Base, after: Base, rules: Rules) -> b
 
     Random forces move a rig that nothing holds in its place far off, and some slow force takes up most of that in the
     runs that it is fitted to: an uneven rail explained 91 % where nothing was missing (blind set 1189 of the driven
-    cart). A single run tells nothing.
+    cart). A single run, or runs with other sensors, tell nothing.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ SLIGHT = 0.02
 # they tell is another one
 SOMETHING = 0.1
 # so many effects are judged along one simulation
-ABREAST = 30
+TOGETHER = 30
 # what promises less than this share of what is left promises nothing but rounding
 ROUNDING = 1e-14
 UNSEEN = "no sensor sees it apart from what is free already"
@@ -214,8 +214,13 @@ def _corrected(found: list[Candidate]) -> list[Insertion]:
 
 def _swept(at: At, batches: list[tuple[Insertion, ...]], *, with_shapes: bool) -> list["_Batch"]:
     """Judge batches, in parts that take about as long as one another."""
-    parts = [batch[k :: -(-len(batch) // ABREAST)] for batch in batches for k in range(-(-len(batch) // ABREAST))]
+    parts = [part for batch in batches for part in _parts(batch)]
     return list(in_parallel(lambda part: _screened(at, part, with_shapes), parts, jobs=at.bench.jobs))
+
+
+def _parts(batch: tuple[Insertion, ...]) -> list[tuple[Insertion, ...]]:
+    number = -(-len(batch) // TOGETHER)
+    return [batch[k::number] for k in range(number)]
 
 
 def _settled(at: At, done: list["_Batch"]) -> list[Judged]:
