@@ -430,6 +430,23 @@ def test_an_addition_is_no_error_of_a_law_where_other_laws_of_its_contact_explai
     assert beside(close)  # too few to tell
 
 
+def test_a_law_whose_correction_ends_on_a_bound_comes_after_one_that_explains_as_much(bench, plain_fit, fitted):
+    """Drag of the power 1.5, the least that there is, came before the viscous friction of a measured cart."""
+    base, rules = Base((), {0.0: plain_fit}, plain_fit.chi2), Rules("noise", (0.0,), 0.0, np.array([1e-3]), ())
+    viscous = fitted("coulomb_friction", 2285.6, 100.0, tau_c=0.1)
+
+    def first(q, status, gain=2287.9):
+        drag = fitted("quadratic_drag", gain, 100.0, d2=0.03, q=q)
+        ends = [replace(e, status=status) if e.name.endswith(".q") else e for e in drag.fit.parameters]
+        drag = replace(drag, fit=replace(drag.fit, parameters=tuple(ends)))
+        return names(ordered_by_bic(bench, [drag, viscous], base, rules))[0]
+
+    assert first(-0.5, "at-bound") == "coulomb_friction"
+    assert first(-0.4, "ok") == "quadratic_drag"
+    assert first(0.0, "at-bound") == "quadratic_drag"  # nothing is corrected
+    assert first(-0.5, "at-bound", gain=3000.0) == "quadratic_drag"  # nothing else is as good
+
+
 def test_what_is_less_than_laws_may_be_wrong_by_is_not_looked_into(bench, plain_fit, fitted):
     n = plain_fit.n_residuals
     bare = 1000.0 * n
