@@ -20,6 +20,13 @@ def run_of(experiment: Experiment) -> str:
     return experiment.name.partition(MARK)[0]
 
 
+def owners_of(experiments: tuple[Experiment, ...]) -> tuple[int, ...]:
+    """Return which run each experiment is, or is a piece of: 0 for the first run, and so on."""
+    names = [run_of(experiment) for experiment in experiments]
+    numbers = {name: k for k, name in enumerate(dict.fromkeys(names))}
+    return tuple(numbers[name] for name in names)
+
+
 def cut(experiment: Experiment, system: System) -> tuple[Experiment, ...]:
     """Cut a run into pieces of its length `piece`, each with all states free at its start; or leave it whole.
 

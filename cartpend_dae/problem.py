@@ -10,7 +10,7 @@ import numpy as np
 
 from cartpend_dae.assemble import assemble
 from cartpend_dae.continuous import without_events
-from cartpend_dae.cuts import cut, run_of
+from cartpend_dae.cuts import cut, owners_of, run_of
 from cartpend_dae.dae import parameter_vector
 from cartpend_dae.data import Experiment, noise_sd
 from cartpend_dae.errors import ModelError
@@ -295,7 +295,7 @@ def _by_run(free: tuple[Free, ...], experiments: tuple[Experiment, ...]) -> tupl
             everything.append(item)
             continue
         groups = list(dict.fromkeys(run_of(experiment) for experiment in experiments))
-        slots.append(Slot(item.name, tuple(len(everything) + groups.index(run_of(e)) for e in experiments)))
+        slots.append(Slot(item.name, tuple(len(everything) + owner for owner in owners_of(experiments))))
         everything += [replace(item, name=f"{group}:{item.name}") for group in groups]
     return tuple(everything), tuple(slots)
 

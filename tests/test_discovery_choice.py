@@ -21,6 +21,7 @@ from cartpend_dae.discover.choice import (
     step_of,
 )
 from cartpend_dae.discover.contact import is_other_law
+from cartpend_dae.discover.contradicted import contradicted
 from cartpend_dae.discover.couple import chosen_anew, couple, next_richer, richer
 from cartpend_dae.discover.disturbed import ALIKE, ALIKE_SHARE, margin_of, ordered
 from cartpend_dae.discover.evidence import bic
@@ -403,13 +404,37 @@ def test_a_plain_law_begins_at_the_mean_of_one_for_each_way(fitted):
 
 def test_an_error_of_a_sensor_that_is_larger_than_its_range_is_none(bench):
     insertion = insertion_at(RotaDamp(), "sensor_nonlinearity", "bearing.phi")
-    span = max(np.ptp(run.outputs["bearing.phi"].values) for run in bench.setup.train)
+    runs = bench.setup.train
+    span = max(np.ptp(run.outputs["bearing.phi"].values) for run in runs)
+
+    def said(of, values):
+        return contradicted(runs, of, SimpleNamespace(values=values, parameters=()))
+
     small = dict.fromkeys(insertion.parameter_names, 0.9 * span)
-    assert bench.contradiction(insertion, small) == ""
+    assert said(insertion, small) == ""
     large = small | {insertion.size_names[2]: -1.1 * span}
-    assert "larger than the range" in bench.contradiction(insertion, large)
+    assert "larger than the range" in said(insertion, large)
     offset = insertion_at(RotaDamp(), "sensor_offset", "bearing.phi")
-    assert bench.contradiction(offset, dict.fromkeys(offset.parameter_names, 9 * span)) == ""
+    assert said(offset, dict.fromkeys(offset.parameter_names, 9 * span)) == ""
+
+
+@pytest.mark.parametrize(
+    ("sd", "status", "value", "is_none"),
+    [
+        (1.0, "at-bound", 0.3, True),
+        (4.0, "at-bound", 0.3, False),
+        (1.0, "ok", 0.5, False),
+        (1.0, "at-bound", 9e3, False),
+    ],
+)
+def test_a_second_wave_that_ends_as_the_longest_one_is_a_load_or_a_spring(bench, sd, status, value, is_none):
+    insertion = insertion_at(DrivenCart(), "rail_unevenness", "rail")
+    waves = {f"{insertion.prefix}.k": 34.0, f"{insertion.prefix}.k_2": value}
+    sizes = {f"{insertion.prefix}.{name}": size for name, size in [("f_sin", 1.1), ("f_2_sin", -7.4), ("f_2_cos", 0.1)]}
+    estimates = [Estimate(name, size, sd, "N", "ok") for name, size in sizes.items()]
+    estimates += [Estimate(name, k, 1.0, "rad/m", status if "k_2" in name else "ok") for name, k in waves.items()]
+    found = contradicted(bench.setup.train, insertion, SimpleNamespace(values=waves | sizes, parameters=estimates))
+    assert ("`k_2` ends at 0.3" in found) if is_none else found == ""
 
 
 def test_an_addition_is_no_error_of_a_law_where_other_laws_of_its_contact_explain_far_less(plain_fit, fitted):

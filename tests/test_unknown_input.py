@@ -1,5 +1,7 @@
 """The filter that whitens is generalised least squares with the covariance written out, and it finds random forces."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -129,3 +131,15 @@ def test_forces_of_each_run_are_its_own_where_the_data_tell(is_alike):
         assert np.mean(np.array(ratios) == 1.0) > 0.7
     else:
         assert 0.0 < np.median(ratios) < 0.2  # a twelfth; the least steps are a factor of 1.4
+
+
+def test_pieces_of_a_run_have_the_same_forces():
+    """With forces of each piece, six of 0.8 s of a measured pendulum had four effects too many."""
+    chain = replace(chain_of(1).only(("a",)), owners=(0, 0))
+    chain.noise[17] = 0.0
+    sizes, times = np.array([[60.0], [5.0]]), np.full((2, 1), 0.2)
+    root, generator = np.linalg.cholesky(dense_covariance(chain, sizes, times)), np.random.default_rng(5)
+    rows = chain.spread((root @ generator.standard_normal(len(root)))[:, None])
+    found = weigh_module.most_likely(chain, rows, (np.full((1, 2, 1), 30.0), np.full((1, 2, 1), 0.2)), 4)[0]
+    assert np.all(found.sizes == found.sizes[0])
+    assert np.all(found.times == found.times[0])

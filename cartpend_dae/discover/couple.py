@@ -12,6 +12,7 @@ from cartpend_dae.discover.attempts import kept
 from cartpend_dae.discover.bases import base_of, followed
 from cartpend_dae.discover.choice import ALIKE, NEAR, SHAPE, SIMPLER, TOUCH, contains, step_beside, step_of
 from cartpend_dae.discover.contact import is_other_law
+from cartpend_dae.discover.contradicted import contradicted
 from cartpend_dae.discover.disturbed import is_composite
 from cartpend_dae.discover.evidence import bic, cancelled, plain_bic
 from cartpend_dae.discover.gate import is_clean, is_noise_alone, residuals
@@ -353,7 +354,7 @@ def _made(
     """
     fit, parts = both.fit, (both.one, both.other)
     assert fit is not None
-    if any(bench.contradiction(part.insertion, fit.values) or is_absent(fit, part.insertion) for part in parts):
+    if any(contradicted(bench.setup.train, part.insertion, fit) or is_absent(fit, part.insertion) for part in parts):
         return None
     if cancelled(fit, parts[0].insertion, (*base.taken, parts[1].insertion)):
         return None

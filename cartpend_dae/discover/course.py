@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from cartpend_dae.continuous import without_events
+from cartpend_dae.cuts import owners_of
 from cartpend_dae.discover.sweep import strides
 from cartpend_dae.discover.unknown_input import Chain, side_by_side
 from cartpend_dae.discover.workbench import Workbench, assembled
@@ -119,8 +120,9 @@ class Forced:
         if not (np.all(np.isfinite(rows)) and np.all(np.isfinite(offsets))):
             raise SolverError(f"{problem.system.name} diverges along the motion that random forces make likely.")
         still, measured = np.zeros((n, n_x, n_y)), self.samples[-n_y:].T > 0
-        width, seen = self.samples[1], shown[:, :, :n_x]
-        chain = Chain(self.names, moved[:, :, :n_x], still, by_force, seen, measured, layout.first, width)
+        width, seen, owners = self.samples[1], shown[:, :, :n_x], owners_of(problem.experiments)
+        pushed = (moved[:, :, :n_x], still, by_force, seen, measured)
+        chain = Chain(self.names, *pushed, layout.first, width, owners)
         kept = [0, *(1 + i for i in self.fitted)]
         return Linear(chain, rows[:, :, kept], offsets, slopes[:, :, self.fitted])
 

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from cartpend_dae.discover.contact import is_other_law
+from cartpend_dae.discover.contradicted import contradicted
 from cartpend_dae.discover.evidence import described
 from cartpend_dae.discover.iterated import refined
 from cartpend_dae.discover.records import Candidate
@@ -296,7 +297,7 @@ def judge(
         why = f"its size differs between parts of the data: {t:.1f} jackknife sds from zero"
     elif not _helps_selection(bench, taken, together, before, fit, sd):
         why = "the runs kept for selection are predicted worse with it"
-    why = why or bench.contradiction(candidate.insertion, fit.values)
+    why = why or contradicted(bench.setup.train, candidate.insertion, fit)
     return replace(candidate, parameters=parameters, gain=gain, t=float(t), fit=fit, why_not=why)
 
 

@@ -15,6 +15,7 @@ from cartpend_dae.discover.attempts import each
 from cartpend_dae.discover.bases import Library, base_of
 from cartpend_dae.discover.choice import step_of
 from cartpend_dae.discover.contact import is_dry, is_other_law
+from cartpend_dae.discover.contradicted import contradicted
 from cartpend_dae.discover.couple import as_fitted
 from cartpend_dae.discover.disturbed import ALIKE, fitted, polished, reweighed
 from cartpend_dae.discover.evidence import determined, leaves_far_less
@@ -167,7 +168,7 @@ def _judged(
     fit, after = fitted(bench, together, rules.loads, guess, bandwidth, rules.sd, near=weighed.forces)
     values = {name: fit.values[name] for name in law.insertion.parameter_names}
     is_overfitted = after.criterion < weighed.criterion and after.validated > weighed.validated
-    why = WORSE if is_overfitted else bench.contradiction(law.insertion, fit.values)
+    why = WORSE if is_overfitted else contradicted(bench.setup.train, law.insertion, fit)
     return replace(law, parameters=values, gain=zero - after.criterion, fit=fit, why_not=why)
 
 

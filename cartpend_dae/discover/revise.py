@@ -6,6 +6,7 @@ import numpy as np
 
 from cartpend_dae.discover.bases import Library, base_of, followed
 from cartpend_dae.discover.choice import NEAR, SHAPE, SIMPLER, step_beside, step_of
+from cartpend_dae.discover.contradicted import contradicted
 from cartpend_dae.discover.couple import as_fitted, plainer
 from cartpend_dae.discover.disturbed import ALIKE, penalty
 from cartpend_dae.discover.evidence import bic
@@ -106,7 +107,7 @@ def plain(
                 continue
             if law.fit is not None and law.fit.values.keys() == fit.values.keys() and law.fit.chi2 < fit.chi2:
                 fit = law.fit
-            if bench.contradiction(law.insertion, fit.values):
+            if contradicted(bench.setup.train, law.insertion, fit):
                 continue
             if bic(fit) - bic(base.fit) >= NEAR and not _is_shapeless(bench, base, others, fit, rules, left):
                 continue

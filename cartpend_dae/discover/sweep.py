@@ -16,6 +16,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from cartpend_dae.continuous import without_events
+from cartpend_dae.cuts import owners_of
 from cartpend_dae.discover.records import Setup
 from cartpend_dae.discover.scan import Scan, best_shapes, out_of_range
 from cartpend_dae.discover.slopes import (
@@ -344,5 +345,6 @@ def _gathered(
     sizes = {name: flat[:, n_all + i] for i, name in enumerate(names)}
     noise = free.measured / np.where(measured, weight, np.inf)[:, None, :]
     first = tuple(segment * layout.length for segment in layout.first)
-    chain = Chain(names, free.transition, noise, loose, free.error, measured, first, data[1])
+    owner = owners_of(problem.experiments)
+    chain = Chain(names, free.transition, noise, loose, free.error, measured, first, data[1], owner)
     return Sweep(residual.T[measured], flat[:, :n_all], sizes, chain)

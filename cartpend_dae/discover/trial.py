@@ -7,6 +7,7 @@ import numpy as np
 from cartpend_dae.discover.attempts import each
 from cartpend_dae.discover.choice import SHAPELESS, ordered_by_bic, rounded_first, second
 from cartpend_dae.discover.contact import is_other_law, is_other_link
+from cartpend_dae.discover.contradicted import contradicted
 from cartpend_dae.discover.disturbed import ALIKE, is_composite, judge, margin_of, ordered, penalty
 from cartpend_dae.discover.evidence import bic, cancelled, coloured_bic, ended_at_zero
 from cartpend_dae.discover.first import first_fit
@@ -358,7 +359,7 @@ def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> 
         why = f"with residuals as alike as they are BIC falls by {coloured:.1f} only, less than {MIN_BIC_GAIN:g}"
     if not why and is_shape_error(base, fit):
         why = f"{SHAPELESS}, and leaves more than noise"
-    why = why or bench.contradiction(candidate.insertion, fit.values)
+    why = why or contradicted(bench.setup.train, candidate.insertion, fit)
     why = why or cancelled(fit, candidate.insertion, base.taken)
     if not why and is_absent(fit, candidate.insertion):
         why = "its parameter ends on its bound, where it has no effect"

@@ -35,9 +35,11 @@ class Chain:
     measured
         Where there is a measured value (n, n_y).
     first
-        Samples at which a run begins.
+        Samples at which a run begins, or a piece of one.
     width
         Time to the next sample [s], shape (n,).
+    owners
+        Which run each of these is, or is a piece of; each a run of its own where there are none.
     """
 
     names: tuple[str, ...]
@@ -48,12 +50,13 @@ class Chain:
     measured: np.ndarray
     first: tuple[int, ...]
     width: np.ndarray
+    owners: tuple[int, ...] = ()
 
     def only(self, names: tuple[str, ...]) -> "Chain":
         """Return the chain with some of its forces."""
         places = [self.names.index(name) for name in names]
         parts = self.transition, self.noise, self.pushes[:, :, places], self.error, self.measured
-        return Chain(names, *parts, self.first, self.width)
+        return Chain(names, *parts, self.first, self.width, self.owners)
 
     def spread(self, rows: np.ndarray) -> np.ndarray:
         """Put rows of measured values (n_measured, m) at their samples, shape (n, n_y, m)."""

@@ -275,14 +275,19 @@ def _own(numbers: np.ndarray) -> np.ndarray:
 
 
 def _best_of_runs(chain: Chain, white: White, best: int) -> np.ndarray:
-    """Return which set suits each run best, with what is fitted as the best one has it, shape (n_runs,)."""
+    """Return which set suits each run best, with what is fitted as the best one has it, shape (n_runs,).
+
+    All pieces of a run have one set: the same forces moved them.
+    """
     known = white.rows[best][chain.measured]
     if not np.all(np.isfinite(known)):
         return np.full(len(chain.first), best)
     left = white.rows @ np.r_[1.0, step_of(known)]
     squares = np.where(chain.measured, left, 0.0) ** 2
-    by_run = np.add.reduceat(squares.sum(axis=2), list(chain.first), axis=1) + white.determinant
-    return np.argmin(np.where(np.isfinite(by_run), by_run, np.inf), axis=0)
+    by_piece = np.add.reduceat(squares.sum(axis=2), list(chain.first), axis=1) + white.determinant
+    owners = np.array(chain.owners or range(len(chain.first)))
+    by_run = np.add.reduceat(by_piece, np.flatnonzero(np.diff(owners, prepend=-1)), axis=1)
+    return np.argmin(np.where(np.isfinite(by_run), by_run, np.inf), axis=0)[owners]
 
 
 def jackknife(white: np.ndarray, determinant: float, chain: Chain, most: np.ndarray) -> tuple[float, np.ndarray]:

@@ -266,20 +266,6 @@ class Workbench:
             label = _label(insertions)
             raise SolverError(f"The fit with `{label}` ended where the simulation diverges ({error}).") from error
 
-    def contradiction(self, insertion: Insertion, values: Mapping[str, float]) -> str:
-        """Say why fitted values, by dotted name, are not those of an effect; empty where they are.
-
-        Waves of a sensor's error that are longer than its way and higher than its range stand for anything.
-        """
-        why = insertion.contradiction(values)
-        if why or insertion.card.insertion != "sensor" or all(item.role != "wave" for item in insertion.parameters):
-            return why
-        name = insertion.place.at
-        read = [run.outputs[name].values for run in self.setup.train if name in run.outputs]
-        span = max((float(np.nanmax(part) - np.nanmin(part)) for part in read), default=np.inf)
-        error = max(abs(values[size]) for size in insertion.size_names)
-        return f"its error of {error:.3g} is larger than the range of {span:.3g} that is read" if error > span else ""
-
     def linearised(
         self, insertions: tuple[Insertion, ...], point: Mapping[str, float], bandwidth: float, sd: np.ndarray
     ) -> Linearisation:
