@@ -132,15 +132,16 @@ def strong():
     return hardening(8.0, 2.0, viscous=0.05, coulomb=0.02, cubic=0.5)
 
 
-def test_an_effect_elsewhere_takes_the_place_of_the_less_certain_one_of_a_couple_that_leaves_more_than_noise(gentle):
+@pytest.mark.parametrize("is_first", [True, False])
+def test_an_effect_elsewhere_takes_the_place_of_one_of_a_couple_that_leaves_more_than_noise(gentle, is_first):
     bench, rules, library = gentle
-    base, steps = made_of(bench, rules, ("coulomb_friction", "bearing"), ("sensor_gain", "bearing.phi"), tau_c=0.004)
+    parts = ("coulomb_friction", "bearing"), ("sensor_gain", "bearing.phi")
+    base, steps = made_of(bench, rules, *(parts[::-1] if is_first else parts), tau_c=0.004)
     assert residuals(base.fit).is_passed
     after, found = swap(bench, base, steps, rules, library, whole=True)
-    assert {step.candidate.insertion.prefix for step in found} == {
-        "bearing.coulomb_friction",
-        "bearing.cubic_stiffness",
-    }
+    names = [step.candidate.insertion.prefix for step in found]
+    # each stands where what it replaced stood: friction in the place of the gain, after a spring took that of friction
+    assert names == ["bearing.coulomb_friction", "bearing.cubic_stiffness"]
     assert is_noise_alone(after.fit)
 
 

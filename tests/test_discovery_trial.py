@@ -226,3 +226,28 @@ def test_a_gap_is_tried_with_other_widths_and_flanks():
     assert all((one["rail.d"], one[rounding], one[damping]) == (30.0, 0.1, 0.6) for one in points)
     friction = insertion_at(LinearDampMod(), "coulomb_friction", "rail")
     assert with_gaps(friction, friction.starts) == [friction.starts]
+
+
+@pytest.mark.parametrize("n_refused", [0, 2])
+def test_the_next_one_takes_the_place_of_one_that_is_refused(bench, plain_fit, fitted, monkeypatch, n_refused):  # noqa: F811
+    """Three springs of four that were fitted to the end were none, and friction of a measured pendulum was fifth."""
+    effects = {"cubic_stiffness": "c3", "cogging": "tau_k_sin", "imbalance": "tau_sin", "end_stop": "c"}
+    effects |= {"quadratic_drag": "d_2", "bearing_torsion": "c", "linear_stiffness": "c", "hysteresis": "c_h"}
+    few = [fitted(name, 9.0, 4000.0 + 100 * k, **{size: 0.5}) for k, (name, size) in enumerate(effects.items())]
+    monkeypatch.setattr(trial, "is_determined", lambda c: True)
+    monkeypatch.setattr(trial, "simplified", lambda *_: [])
+    monkeypatch.setattr(trial, "chosen_otherwise", lambda *_: [])
+    monkeypatch.setattr(trial, "nearest", lambda few, n, places: few[:places])
+    refused = {c.insertion.prefix for c in few[:n_refused]}
+    judged = []
+
+    def judge(at, base, rules, candidate):
+        judged.append(candidate.insertion.prefix)
+        return replace(candidate, why_not="none" if candidate.insertion.prefix in refused else "")
+
+    monkeypatch.setattr(trial, "_judge", judge)
+    rules = noise_rules(bench, places(RotaDamp()), 0.0)
+    found = trial._judged(bench, Base((), {2.0: plain_fit}, 9e3), rules, few, is_led=False)
+    assert set(judged) == {c.insertion.prefix for c in few[: trial.NARROW + n_refused]}
+    assert len(found) == len(few)
+    assert sum(c.fit is None for c in found) == len(few) - trial.NARROW - n_refused

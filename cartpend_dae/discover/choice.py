@@ -56,7 +56,7 @@ def ordered_by_bic(bench: Workbench, judged: list[Candidate], base: Base, rules:
     ]
     good = [c for c in good if c not in at_once]
     if all(c.fit is not None and residuals(c.fit).is_passed for c in good):
-        unsure = [c for c in good if not _is_determined(c)]
+        unsure = [c for c in good if not is_determined(c)]
         unsure = unsure if len(unsure) < len(good) else []
         judged = [replace(c, why_not=UNSURE) if c in unsure else c for c in judged]
         good = [c for c in good if c not in unsure]
@@ -87,7 +87,7 @@ def _is_bent(candidate: Candidate) -> bool:
     return any(not np.isclose(e.value, starts[e.name]) for e in ends)
 
 
-def _is_determined(candidate: Candidate) -> bool:
+def is_determined(candidate: Candidate) -> bool:
     """Return whether one of the sizes differs from zero by its standard deviation, with residuals as they are."""
     assert candidate.fit is not None
     sizes = [e for e in candidate.fit.parameters if e.name in candidate.insertion.size_names]

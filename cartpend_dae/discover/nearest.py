@@ -26,7 +26,7 @@ def left_early(candidate: Candidate) -> float:
     return np.inf if candidate.early is None else candidate.early
 
 
-def nearest(few: list[Candidate], n_residuals: int) -> list[Candidate]:
+def nearest(few: list[Candidate], n_residuals: int, places: int = NARROW) -> list[Candidate]:
     """Return those to fit to the end.
 
     Rough steps without injection may leave the same of all laws, and the number of parameters alone would tell them
@@ -38,14 +38,16 @@ def nearest(few: list[Candidate], n_residuals: int) -> list[Candidate]:
         Candidates with their rough fits.
     n_residuals
         Number of residuals of a whole fit.
+    places
+        How many of the best there are, and none of those that were refused.
     """
     left = [_beyond(c) for c in few]
     least = max(min(left), LITTLE * n_residuals) if left else 0.0
     few = sorted(few, key=lambda c: bic(c.fit) if c.fit else np.inf)
     early = sorted(few, key=left_early)
-    near = few[:NARROW]
+    near = few[:places]
     told = early[: TELLING if are_alike(near) else 1]
-    near += [c for c in few[NARROW:] if is_simple(c) or c in told]
+    near += [c for c in few[places:] if is_simple(c) or c in told]
     near = [c for c in near if c.fit and _beyond(c) <= BEHIND * least]
     return near + [
         c for c in few if is_simple(c) and c not in near and any(_may_be_rounded(c, other) for other in near)

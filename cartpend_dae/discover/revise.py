@@ -59,7 +59,7 @@ def swap(
 
     The first effect chosen soaks up a part of those still missing, and may be the wrong one of two alike. If the last
     ones came together and leave more than noise, the `whole` is looked at, the least certain first, and any effect
-    anywhere may take the place of one of them, until noise is left.
+    anywhere may take the place of one of them, until noise is left. Steps stay in the order in which they were found.
     """
     cards, places = library
     for old in list(reversed(steps) if whole else steps[:-1]):
@@ -79,7 +79,8 @@ def swap(
         if _criterion(base, rules) - _criterion(other, rules) <= (ALIKE if rules.regime == "forces" else NEAR):
             continue
         base = other
-        steps = [*others, step_of(best, residuals(base.fit), ranked)]
+        new = step_of(best, residuals(base.fit), ranked)
+        steps = [new if step is old else step for step in steps]
     return base, steps
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from cartpend_dae.discover.attempts import each
-from cartpend_dae.discover.choice import SHAPELESS, ordered_by_bic, rounded_first, second
+from cartpend_dae.discover.choice import SHAPELESS, is_determined, ordered_by_bic, rounded_first, second
 from cartpend_dae.discover.contact import is_other_law, is_other_link
 from cartpend_dae.discover.contradicted import contradicted
 from cartpend_dae.discover.disturbed import ALIKE, is_composite, judge, margin_of, ordered, penalty
@@ -291,26 +291,41 @@ def _far_simpler(enough: Candidate) -> str:
 def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate], is_led: bool = True) -> list[Candidate]:
     """Fit to the end those with the fewest parameters first; where one leaves noise alone, richer ones need no fit.
 
-    Before that all that may be led are fitted with the least injection, where some fall behind for good.
+    Before that all that may be led are fitted with the least injection, where some fall behind for good; where one that
+    does not is refused, the next one takes its place.
     """
     ahead = min((left_by(c) for c in few), default=np.inf)
     if is_led:
         few = each(bench, few, lambda at, candidate: _nearer(at, base, rules, candidate, ahead), "nearer fit")
     found = [c for c in few if c.why_not]
     few = [c for c in few if not c.why_not]
-    near = nearest(few, base.fit.n_residuals)
-    found += [replace(c, fit=None, why_not="others explain more at the next stage") for c in few if c not in near]
-    few = near
-    for count in sorted({c.insertion.complexity for c in few}):
-        these = [c for c in few if c.insertion.complexity == count]
-        enough = next((c for c in found if not c.why_not and _is_clean(c)), None)
+    places, last = NARROW, list[Candidate]()
+    while new := [c for c in nearest(few, base.fit.n_residuals, places) if c not in last]:
+        last += new
+        found += _last_fits(bench, base, rules, new, found)
+        judged = [c for c in found if c.insertion.prefix in {c.insertion.prefix for c in last}]
+        if any(not c.why_not and _is_clean(c) for c in judged):
+            break
+        places = NARROW + sum(bool(c.why_not) or not is_determined(c) for c in judged)
+    found += [replace(c, fit=None, why_not="others explain more at the next stage") for c in few if c not in last]
+    again = simplified(found, left_by) + chosen_otherwise(found)
+    found += map(own, each(bench, again, lambda at, candidate: _judge(at, base, rules, candidate), "last fit"))
+    return best_of_each(found, left_by)
+
+
+def _last_fits(
+    bench: Workbench, base: Base, rules: Rules, new: list[Candidate], before: list[Candidate]
+) -> list[Candidate]:
+    """Fit some candidates to the end, those with the fewest parameters first, as long as none before leaves noise."""
+    found: list[Candidate] = []
+    for count in sorted({c.insertion.complexity for c in new}):
+        these = [c for c in new if c.insertion.complexity == count]
+        enough = next((c for c in [*before, *found] if not c.why_not and _is_clean(c)), None)
         if enough is not None and count > enough.insertion.complexity + 1:
             found += [replace(c, fit=None, why_not=_far_simpler(enough)) for c in these]
             continue
         found += each(bench, these, lambda at, candidate: _judge(at, base, rules, candidate), "last fit")
-    again = simplified(found, left_by) + chosen_otherwise(found)
-    found += map(own, each(bench, again, lambda at, candidate: _judge(at, base, rules, candidate), "last fit"))
-    return best_of_each(found, left_by)
+    return found
 
 
 def _is_clean(candidate: Candidate) -> bool:
