@@ -16,11 +16,11 @@ from cartpend_dae.discover.choice import step_of
 from cartpend_dae.discover.couple import _made, _whole, couple, plainer, simpler
 from cartpend_dae.discover.evidence import bic
 from cartpend_dae.discover.gate import is_noise_alone, residuals
+from cartpend_dae.discover.log import Log
 from cartpend_dae.discover.promising import Couple
 from cartpend_dae.discover.records import Candidate, FreeSpec, Setup
 from cartpend_dae.discover.revise import plain, swap
 from cartpend_dae.discover.screen import UNSEEN, candidates
-from cartpend_dae.discover.search import _Log
 from cartpend_dae.discover.shape import is_left_to_shape, leaves_little
 from cartpend_dae.discover.shortlist import PLACES, at_few_places
 from cartpend_dae.discover.state import Base
@@ -187,7 +187,7 @@ def test_a_couple_gets_the_plainer_law_that_was_not_looked_at_beside_it(strong, 
     both = made_of(bench, rules, *parts, tau_c=0.02, tau_s=0.025, c3=0.5, d=0.05)
     base = fit_base(bench, (), {}, rules)
     coulomb, viscous = (insertion_at(RotaDamp(), f"{law}_friction", "bearing") for law in ("coulomb", "viscous"))
-    log = _Log(tried={i.prefix: Candidate(i, i.starts, 0.0, 0.0, 0.0, None, "") for i in (coulomb, viscous)})
+    log = Log(tried={i.prefix: Candidate(i, i.starts, 0.0, 0.0, 0.0, None, "") for i in (coulomb, viscous)})
     log.tried[viscous.prefix] = replace(log.tried[viscous.prefix], why_not=UNSEEN)
     search = importlib.import_module("cartpend_dae.discover.search")
     monkeypatch.setattr(search, "try_in_noise", lambda *a: (rules.screening, [both[1][0].candidate]))

@@ -545,7 +545,7 @@ def test_an_addition_without_which_the_model_diverges_stays(monkeypatch, plain_f
     base = Base(tuple(one.insertion for one in at), {0.0: plain_fit}, 2 * plain_fit.chi2)
     rules = Rules("noise", (0.0,), 0.0, np.array([1e-3]))
     assert bases.followed(bench, (), {}, rules, 1.0) is None
-    assert revise.settled(bench, base, steps, rules) == (base, steps)
+    assert revise.settled(bench, base, steps, rules, []) == (base, steps)
     assert revise.prune(bench, base, steps, rules, 10) == (base, steps)
 
 
@@ -596,13 +596,17 @@ def test_the_last_additions_are_taken_back_while_they_explain_less_than_is_left(
     monkeypatch.setattr(revise, "followed", lambda bench, taken, guess, rules, bare: base_with(taken))
     rules = Rules("noise", (0.0,), 0.0, np.array([1e-3]))
     whole = base_with(tuple(one.insertion for one in at))
-    base, kept = revise.settled(bench, whole, steps, rules)  # the third explains 70 of 80, the second 150 of 150
+    base, kept = revise.settled(bench, whole, steps, rules, [])  # the third explains 70 of 80, the second 150 of 150
     assert kept == steps[:1] and base.taken == whole.taken[:1] and base.bare == whole.bare
+    # what the first one was before the second came goes back with it
+    other = fitted("quadratic_drag", 0.0, 0.0)
+    first = base_with((other.insertion,)), [step_of(other, residuals(plain_fit), [other])]
+    assert revise.settled(bench, whole, steps, rules, [first, (base_with(whole.taken[:2]), steps[:2])]) == first
     left |= {2: 140.0}
-    base, kept = revise.settled(bench, whole, steps, rules)
+    base, kept = revise.settled(bench, whole, steps, rules, [])
     assert kept == steps[:2] and base.taken == whole.taken[:2]
     left |= {3: 10.0}
-    assert revise.settled(bench, whole_now := base_with(whole.taken), steps, rules) == (whole_now, steps)
+    assert revise.settled(bench, whole_now := base_with(whole.taken), steps, rules, []) == (whole_now, steps)
 
 
 @pytest.mark.parametrize(("without", "before", "is_taken"), [(20.0, 1e3, False), (1e4, 1e3, True), (1e4, 7.0, False)])

@@ -10,9 +10,9 @@ from test_discovery_choice import bench, fitted, names, noise, plain_fit  # noqa
 
 from cartpend_dae.discover import trial
 from cartpend_dae.discover.bases import noise_alone, noise_rules
+from cartpend_dae.discover.log import Log
 from cartpend_dae.discover.nested import FARTHER, PEAKS, PUSHES, WIDTHS, with_cutoffs, with_gaps, with_peaks
 from cartpend_dae.discover.records import Candidate
-from cartpend_dae.discover.search import _Log
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import NEAR, _nearer, other_laws
 from cartpend_dae.effects import insertion_at, places
@@ -178,7 +178,7 @@ def test_starts_that_run_away_leave_the_others(bench, fitted, noise, monkeypatch
 def test_where_what_noise_found_stands_its_gains_do_too(fitted):  # noqa: F811
     """A report had called drops of BIC a share of the cost in percent."""
     in_noise = fitted("coulomb_friction", 20_965.0, 1.0, tau_c=0.09)
-    log = _Log(tried={in_noise.insertion.prefix: in_noise})
+    log = Log(tried={in_noise.insertion.prefix: in_noise})
     before = replace(log, tried=dict(log.tried))
     log.tried |= {in_noise.insertion.prefix: replace(in_noise, gain=2072.0)}
     log.judged = "forces"

@@ -14,6 +14,7 @@ from cartpend_dae.discover import iterated, laws
 from cartpend_dae.discover.bases import noise_rules
 from cartpend_dae.discover.choice import step_of
 from cartpend_dae.discover.gate import residuals
+from cartpend_dae.discover.log import Log, Uncovered
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.screen import candidates
 from cartpend_dae.discover.state import Base
@@ -212,12 +213,12 @@ def test_where_predictions_tell_nothing_what_forces_told_before_stands(bench, ru
     monkeypatch.setattr(search, "_disturbed", lambda *_: (predicted, start))
     monkeypatch.setattr(search, "_grow", grow)
     for seen, regimes, taken in (
-        (search._Uncovered(model, step, {}, True), ["forces"], model.taken),
-        (search._Uncovered(model, step, {}, False), ["disturbances", "forces"], model.taken),
+        (Uncovered(model, step, {}, True), ["forces"], model.taken),
+        (Uncovered(model, step, {}, False), ["disturbances", "forces"], model.taken),
         (None, ["disturbances"], ()),
     ):
         grown.clear()
         monkeypatch.setattr(search, "_uncovered", lambda *_, seen=seen: seen)
-        log = search._Log()
+        log = Log()
         _, _, base = search._against_forces(bench, rules, (start, start), ((), ()), 3, log)
         assert (grown, base.taken, log.steps) == (regimes, taken, [step] if seen else [])

@@ -160,18 +160,22 @@ def each_matters(bench: Workbench, base: Base, steps: list[Step], rules: Rules) 
     return True
 
 
-def settled(bench: Workbench, base: Base, steps: list[Step], rules: Rules) -> tuple[Base, list[Step]]:
+def settled(
+    bench: Workbench, base: Base, steps: list[Step], rules: Rules, past: list[tuple[Base, list[Step]]]
+) -> tuple[Base, list[Step]]:
     """Take back the last additions as long as they explain less than is left beyond noise with them.
 
-    What is left then is disturbances, or errors of the laws found before, and so may be what such an addition explains.
+    What is left then is disturbances, or errors of the laws found before, and so may be what such an addition explains;
+    and a law that took the place of another one beside it goes back as well, to the model of the `past`.
     """
     while len(steps) > 1:
         last = steps[-1].candidate.insertion.prefix
         fewer = tuple(insertion for insertion in base.taken if insertion.prefix != last)
-        before = followed(bench, fewer, _early(base, rules), rules, base.bare)
+        known = next((model for model in reversed(past) if len(model[1]) == len(steps) - 1), None)
+        before = known[0] if known else followed(bench, fewer, _early(base, rules), rules, base.bare)
         if before is None or before.fit.chi2 - base.fit.chi2 > base.fit.chi2 - base.fit.n_residuals:
             break
-        base, steps = before, steps[:-1]
+        base, steps = before, known[1] if known else steps[:-1]
     return base, steps
 
 

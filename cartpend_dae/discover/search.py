@@ -1,6 +1,6 @@
 """Stage 4: add what the data ask for, one effect after the other, and take back what they no longer need."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,11 +13,12 @@ from cartpend_dae.discover.edges import off_edges
 from cartpend_dae.discover.evidence import described, lead, leaves_far_less, with_robust_sd
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.laws import lawful
+from cartpend_dae.discover.log import Log, Uncovered
 from cartpend_dae.discover.mirror import mirrored
 from cartpend_dae.discover.nested import is_nothing_in
 from cartpend_dae.discover.promising import may_be_two
 from cartpend_dae.discover.rattle import RattlingError, is_all_that_tells, least_that_tells
-from cartpend_dae.discover.records import Candidate, Regime, Search, Step
+from cartpend_dae.discover.records import Candidate, Regime, Search
 from cartpend_dae.discover.regime import best_bandwidth, sampling_rate
 from cartpend_dae.discover.revise import each_matters, plain, prune, settled, swap
 from cartpend_dae.discover.screen import candidates, screen
@@ -76,7 +77,7 @@ def search(
     gate = residuals(base.fit)
     if not gate.is_passed and (predicts or regime not in MOVED):
         return Search("noise", "noise", 0.0, base.fit, gate, base.fit, gate, (), (), "no-discrepancy", False)
-    log = _Log()
+    log = Log()
     rules, start, bare = noise, base, base
     library = (cards, places)
     try:
@@ -88,14 +89,14 @@ def search(
                 return search(bench, cards, places, max_steps=max_steps, regime="noise")
         if regime == "disturbances":
             rules, start = _disturbed(bench, noise, start, log, library)
-            log.steps, log.base = [], None
+            log.begin_with(None)
             base = _grow(bench, start, rules, library, max_steps, log)
         elif regime == "forces" or (regime is None and residuals(base.fit).is_passed):
             # no sum of effects leaves noise alone, so that something else moves the rig as well
             alone = base
             rules, start, base = _against_forces(bench, noise, (start, alone), library, max_steps, log)
             if base is alone:
-                base, log.steps = settled(bench, base, log.steps, noise)
+                base, log.steps = settled(bench, base, log.steps, noise, log.past)
         if rules.regime in MOVED and not predicts:  # else predictions told the law
             log.base = base  # what is interrupted from here on ends with the model of these steps
             base, log.steps = lawful(bench, base, log.steps, rules, noise, library)
@@ -124,41 +125,8 @@ def search(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Uncovered:
-    """A model with its first effect, and what was tried; it `is_clear` if that leaves little to random forces."""
-
-    base: Base
-    step: Step
-    tried: dict[str, Candidate]
-    is_clear: bool
-
-
-@dataclass(slots=True)
-class _Log:
-    """What a search has found so far, kept when it is interrupted.
-
-    `tried` holds the last word on each candidate, most of them as `judged` in a regime.
-    """
-
-    steps: list[Step] = field(default_factory=list)
-    tried: dict[str, Candidate] = field(default_factory=dict)
-    base: Base | None = None
-    judged: Regime = "noise"
-    is_interrupted: bool = False
-
-    def begin_with(self, seen: _Uncovered | None) -> None:
-        """Begin anew, with a first effect if there is one."""
-        self.steps, self.base = ([], None) if seen is None else ([seen.step], seen.base)
-        self.tried |= {} if seen is None else seen.tried
-
-    def back_to(self, before: "_Log") -> None:
-        """Let what was found before stand."""
-        self.steps, self.tried, self.base, self.judged = before.steps, before.tried, before.base, before.judged
-
-
 def _against_forces(
-    bench: Workbench, noise: Rules, without: tuple[Base, Base], library: Library, max_steps: int, log: _Log
+    bench: Workbench, noise: Rules, without: tuple[Base, Base], library: Library, max_steps: int, log: Log
 ) -> tuple[Rules, Base, Base]:
     """Search against random forces; return the rules, and the models before and after.
 
@@ -230,7 +198,7 @@ def _explains_less(bench: Workbench, base: Base, first: Candidate, noise: Rules)
     return leaves_far_less(alone, found) or lead(alone, found) > CLEARLY
 
 
-def _disturbed(bench: Workbench, noise: Rules, base: Base, log: _Log, library: Library) -> tuple[Rules, Base]:
+def _disturbed(bench: Workbench, noise: Rules, base: Base, log: Log, library: Library) -> tuple[Rules, Base]:
     """Weigh by predictions, with the bandwidth with which the most promising effects together predict best.
 
     Weights are the innovations of the baseline, so that costs are of order one.
@@ -257,7 +225,7 @@ def _forced(bench: Workbench, noise: Rules, base: Base) -> tuple[Rules, Base]:
     return rules, Base((), {bandwidth: fit}, base.bare, weighed)
 
 
-def _is_confirmed(bench: Workbench, log: _Log, start: Base, rules: Rules, library: Library) -> bool:
+def _is_confirmed(bench: Workbench, log: Log, start: Base, rules: Rules, library: Library) -> bool:
     """Return whether the first effect explains as much against random forces as the one that would be taken there.
 
     One with fewer parameters that explains as much speaks against it. Which law a contact has is told by noise, unless
@@ -276,7 +244,7 @@ def _is_confirmed(bench: Workbench, log: _Log, start: Base, rules: Rules, librar
     return n_best >= n_own and best.gain - own.gain < margin
 
 
-def _uncovered(bench: Workbench, start: Base, rules: Rules, library: Library, log: _Log) -> _Uncovered | None:
+def _uncovered(bench: Workbench, start: Base, rules: Rules, library: Library, log: Log) -> Uncovered | None:
     """Return the model with an effect that noise alone pointed to, or with a better one; None if none is accepted.
 
     Where something large and fast is missing, forces take it up whole, and nothing shows against them before it is in.
@@ -295,7 +263,7 @@ def _uncovered(bench: Workbench, start: Base, rules: Rules, library: Library, lo
     before, after = (float(np.linalg.norm(one.forces.sizes)) for one in (start.weighed, base.weighed))
     is_clear = winner.fit.bandwidth[0] <= sampling_rate(bench) and after <= MOST * before
     tried, step = {c.insertion.prefix: c for c in ranked}, step_of(winner, residuals(base.fit), ranked)
-    return _Uncovered(base, step, tried, bool(is_clear))
+    return Uncovered(base, step, tried, bool(is_clear))
 
 
 def _grow(
@@ -304,7 +272,7 @@ def _grow(
     rules: Rules,
     library: Library,
     max_steps: int,
-    log: _Log,
+    log: Log,
 ) -> Base:
     """Add effects while there is structure; the free simulation has it, so there is always a first round.
 
@@ -322,6 +290,7 @@ def _grow(
         if grown is None:
             break
         base, alone = grown, noise_alone(bench, grown, rules)
+        log.past.append((grown, log.steps))
         if rules.regime != "forces" and not residuals(base.fit).is_passed:
             break
         if push_left(first, base) < SHAPE:  # what is left may be what the laws found are wrong by
@@ -330,7 +299,7 @@ def _grow(
     return alone or base
 
 
-def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: _Log, n_more: int) -> Base | None:
+def _grown(bench: Workbench, base: Base, rules: Rules, library: Library, log: Log, n_more: int) -> Base | None:
     """Return the model with one more effect, or two of at most `n_more`, and log it; None if there is none to add."""
     tried = list(log.tried.values())
     is_plain = all(is_nothing_in(c, step.candidate) for step in log.steps for c in plainer(step, tried))
