@@ -87,11 +87,16 @@ def _is_bent(candidate: Candidate) -> bool:
     return any(not np.isclose(e.value, starts[e.name]) for e in ends)
 
 
-def is_determined(candidate: Candidate) -> bool:
-    """Return whether one of the sizes differs from zero by its standard deviation, with residuals as they are."""
+def clearness(candidate: Candidate) -> float:
+    """Return by how many standard deviations one of the sizes differs from zero, with residuals as they are."""
     assert candidate.fit is not None
     sizes = [e for e in candidate.fit.parameters if e.name in candidate.insertion.size_names]
-    return any(abs(e.value) > e.sd for e in sizes)
+    return float(max((abs(e.value) / e.sd for e in sizes if e.sd > 0), default=0.0))
+
+
+def is_determined(candidate: Candidate) -> bool:
+    """Return whether one of the sizes differs from zero by its standard deviation, with residuals as they are."""
+    return clearness(candidate) > 1.0
 
 
 def rounded_first(ranked: list[Candidate]) -> list[Candidate]:
