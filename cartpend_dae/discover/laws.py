@@ -191,10 +191,10 @@ def beside(
     together, bandwidth = (*others, told.insertion), float(fit.bandwidth[0])
     screened = screen(bench, together, fit.point, laws, bandwidth, rules.sd, weighed=weighed)
     promising = [c for c in screened if not c.why_not and c.predicted > LEAST][:FEW]
-    return [replace(c, parameters=_joined(c, told, fit.values)) for c in with_others(promising)]
+    return [replace(c, parameters=joined(c, told, fit.values)) for c in with_others(promising)]
 
 
-def _joined(law: Candidate, told: Candidate, values: Mapping[str, float]) -> dict[str, float]:
+def joined(law: Candidate, told: Candidate, values: Mapping[str, float]) -> dict[str, float]:
     """Return the parameters of a law that does what it would beside another one, and what that does."""
     known = {name.rpartition(".")[2]: values[name] for name in told.insertion.parameter_names}
     kind, peaks = law.insertion.place.kind, law.insertion.card.peaks
