@@ -455,6 +455,17 @@ def test_an_addition_is_no_error_of_a_law_where_other_laws_of_its_contact_explai
     assert beside(close)  # too few to tell
 
 
+@pytest.mark.parametrize(
+    ("effect", "at", "is_shape"), [("constant_load", "bearing", False), ("imbalance", "bearing", True)]
+)
+def test_what_a_constant_leaves_is_no_error_of_its_law(fitted, effect, at, is_shape):
+    """A cart that nothing holds drifts off under the mean of detents, which explains 98 % and hid the detents."""
+    found = fitted(effect, 9.0, 1.5e4, at=at)
+    n = found.fit.n_residuals
+    base = Base((found.insertion,), {0.0: replace(found.fit, chi2=40.0 * n)}, 4000.0 * n)
+    assert is_shape_error(base, replace(found.fit, chi2=1.4 * n)) == is_shape
+
+
 def test_a_law_whose_correction_ends_on_a_bound_comes_after_one_that_explains_as_much(bench, plain_fit, fitted):
     """Drag of the power 1.5, the least that there is, came before the viscous friction of a measured cart."""
     base, rules = Base((), {0.0: plain_fit}, plain_fit.chi2), Rules("noise", (0.0,), 0.0, np.array([1e-3]), ())
