@@ -8,7 +8,7 @@ from cartpend_dae import simulate
 from cartpend_dae.data import Channel, Experiment, Start
 from cartpend_dae.discover.bases import noise_rules
 from cartpend_dae.discover.gate import is_noise_alone
-from cartpend_dae.discover.peak import with_peaks
+from cartpend_dae.discover.peak import with_peak_at_rest
 from cartpend_dae.discover.records import FreeSpec, Setup
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import catalogue, insert, places
@@ -35,7 +35,7 @@ def test_friction_gets_the_peak_that_the_data_tell_and_no_other(tau_s, law):
     bench, rules, library = rubbing("stribeck_friction", tau_c=0.03, tau_s=tau_s, w_s=0.5, d=0.0)
     base, steps = made_of(bench, rules, ("coulomb_friction", "bearing"), tau_c=0.03)
     assert is_noise_alone(base.fit)
-    after, found = with_peaks(bench, base, steps, rules, library)
+    after, found = with_peak_at_rest(bench, base, steps, rules, library)
     assert [step.candidate.insertion.card.id for step in found] == [law]
     if law == "coulomb_friction":
         assert after is base

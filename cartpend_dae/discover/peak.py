@@ -21,7 +21,7 @@ from cartpend_dae.errors import SolverError
 _Model = tuple[Base, list[Step]]
 
 
-def with_peaks(bench: Workbench, base: Base, steps: list[Step], rules: Rules, library: Library) -> _Model:
+def with_peak_at_rest(bench: Workbench, base: Base, steps: list[Step], rules: Rules, library: Library) -> _Model:
     """Put a law with a peak at rest in the place of each dry friction without one, where the data tell the peak.
 
     Richer laws are not fitted where one leaves noise alone, whose size is known to some percent: so much of a peak may
@@ -47,8 +47,10 @@ def with_peaks(bench: Workbench, base: Base, steps: list[Step], rules: Rules, li
         return base, steps
     for old in steps:
         card, place = old.candidate.insertion.card, old.candidate.insertion.place
+        if card.peaks or not is_dry(card):
+            continue
         rich = [other for other in library[0] if other.peaks and other.id in card.nested_in and fits(other, place)]
-        found = _peaked(bench, base, old, rich, place, rules) if is_dry(card) and not card.peaks else None
+        found = _peaked(bench, base, old, rich, place, rules)
         if found is not None:
             base, law = found
             steps = [step_of(law, residuals(base.fit), [law, old.candidate]) if step is old else step for step in steps]

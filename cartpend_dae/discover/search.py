@@ -16,7 +16,7 @@ from cartpend_dae.discover.laws import lawful
 from cartpend_dae.discover.log import Log, Uncovered
 from cartpend_dae.discover.mirror import mirrored
 from cartpend_dae.discover.nested import is_nothing_in
-from cartpend_dae.discover.peak import with_peaks
+from cartpend_dae.discover.peak import with_peak_at_rest
 from cartpend_dae.discover.promising import may_be_two
 from cartpend_dae.discover.rattle import RattlingError, is_all_that_tells, least_that_tells
 from cartpend_dae.discover.records import Candidate, Regime, Search
@@ -100,7 +100,7 @@ def search(
                 base, log.steps = settled(bench, base, log.steps, noise, log.past)
         if rules.regime == "noise":
             log.base = base
-            base, log.steps = with_peaks(bench, base, log.steps, rules, library)
+            base, log.steps = with_peak_at_rest(bench, base, log.steps, rules, library)
         if rules.regime in MOVED and not predicts:  # else predictions told the law
             log.base = base  # what is interrupted from here on ends with the model of these steps
             base, log.steps = lawful(bench, base, log.steps, rules, noise, library)
