@@ -5,6 +5,7 @@ lead nowhere. So other laws are screened beside the one found, along the motion 
 promise there is what is wrong with it, and at which speed, place or direction.
 """
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
@@ -29,7 +30,7 @@ from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.weigh import Weighed
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Insertion
-from cartpend_dae.errors import UNSOLVED
+from cartpend_dae.errors import UNSOLVED, SolverError
 from cartpend_dae.identify import Fit
 
 # so many other laws are fitted, of those that promise more than this of -2 ln likelihood beside the one found
@@ -89,11 +90,13 @@ def _instead(
     assert first.fit is not None
     together, bandwidth = (*others, first.insertion), rules.stages[-1]
     # along what forces make likely another optimum may be nearer than the one where the law found before ended
-    before = {**first.parameters, **shared(first.insertion, told)}
-    fits = [
-        bench.fit(together, guess, rules.descent, rules.sd, patient=False)
-        for guess in (first.fit.point, {**base.fit.point, **before})
-    ]
+    before = base.fit.point | first.parameters | shared(first.insertion, told)
+    fits: list[Fit] = []
+    for guess in (first.fit.point, before):
+        with contextlib.suppress(SolverError):
+            fits.append(bench.fit(together, guess, rules.descent, rules.sd, patient=False))
+    if not fits:
+        raise SolverError("The model with another law of friction diverges.")
     fit = min(fits, key=lambda one: one.chi2)
     found = as_fitted(first, fit, base.fit)
     return replace(base, taken=together, fits={bandwidth: fit}), replace(found, gain=told.gain + found.gain)
