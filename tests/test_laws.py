@@ -139,6 +139,23 @@ def test_a_law_that_predicts_worse_what_is_left_out_is_none(bench, library, rule
     assert first is told and pool["stribeck_friction"].why_not == laws.WORSE
 
 
+def test_a_law_that_goes_with_forces_faster_than_the_samples_is_none(
+    bench, library, rules, law, likelihoods, monkeypatch
+):
+    """Coulomb friction took the place of break-away friction that left half as much of a measured motor."""
+    likelihoods(ALL, {"coulomb_friction": {"stribeck_friction"}})
+    weighed = laws.fitted
+
+    def fast(*args, **options):
+        fit, found = weighed(*args, **options)
+        return replace(fit, bandwidth=np.array([200.0 if found.criterion < 100.0 else 2.0])), found
+
+    monkeypatch.setattr(laws, "fitted", fast)
+    told = law("coulomb_friction", tau_c=0.2)
+    first, pool = chosen(bench, library, rules, told)
+    assert first is told and pool["stribeck_friction"].why_not == laws.BLIND
+
+
 def test_where_there_is_no_other_law_the_one_found_stands(bench, rules, law):
     told = law("coulomb_friction")
     assert laws.likeliest_law(bench, (), told, [told.insertion], rules) == (told, [])
