@@ -134,7 +134,7 @@ def test_forces_of_each_run_are_its_own_where_the_data_tell(is_alike):
 
 
 def test_pieces_of_a_run_have_the_same_forces():
-    """With forces of each piece, six of 0.8 s of a measured pendulum had four effects too many."""
+    """With forces of each piece, five of 0.8 s of a measured pendulum had four effects too many."""
     chain = replace(chain_of(1).only(("a",)), owners=(0, 0))
     chain.noise[17] = 0.0
     sizes, times = np.array([[60.0], [5.0]]), np.full((2, 1), 0.2)

@@ -31,7 +31,9 @@ MOST = 0.1
 def is_shape_error(base: Base, fit: Fit) -> bool:
     """Return whether an addition could be what the laws before it are wrong by."""
     share = (base.fit.chi2 - fit.chi2) / max(base.bare - base.fit.chi2, 1e-300)
-    if all(_has_no_shape(insertion) for insertion in base.taken) or share > SHAPE or is_far_from_noise(base.fit, fit):
+    if all(_has_no_shape(insertion) for insertion in base.taken):  # as where there are none
+        return False
+    if share > SHAPE or is_far_from_noise(base.fit, fit):
         return False
     shapes = np.inf if base.rival is None else max(base.fit.chi2 - base.rival, 0.0)
     if share > TOUCH and base.fit.chi2 - fit.chi2 > LAWS * shapes:

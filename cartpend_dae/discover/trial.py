@@ -303,7 +303,8 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate], is
     while new := [c for c in nearest(few, base.fit.n_residuals, places) if c not in last]:
         last += new
         found += _last_fits(bench, base, rules, new, found)
-        judged = [c for c in found if c.insertion.prefix in {c.insertion.prefix for c in last}]
+        names = {c.insertion.prefix for c in last}
+        judged = [c for c in found if c.insertion.prefix in names]
         if any(not c.why_not and _is_clean(c) for c in judged):
             break
         places = NARROW + sum(bool(c.why_not) or not is_determined(c) for c in judged)
