@@ -13,6 +13,7 @@ import numpy as np
 
 from cartpend_dae.continuous import without_events
 from cartpend_dae.cuts import owners_of
+from cartpend_dae.discover.recursion import carried_along, filters
 from cartpend_dae.discover.sweep import strides
 from cartpend_dae.discover.unknown_input import Chain, side_by_side
 from cartpend_dae.discover.workbench import Workbench, assembled
@@ -102,29 +103,26 @@ class Forced:
         defects = np.vstack([after[:-1, :n_x] - course.states[:, 1:].T, np.zeros((1, n_x))])
         defects = defects - np.einsum("kij,jk->ki", by_force, course.forces)
         starts = zip(start_states(problem, course.values), start_slopes(problem, course.values), strict=True)
-        begin = dict(zip(layout.first, starts, strict=True))
-        owners = layout.owners[layout.runs]
-        offset, slope = np.zeros(n_x), np.zeros((n_x, n_all))
-        offsets, slopes = np.zeros((n, n_x)), np.zeros((n, n_x, n_all))
-        rows = np.zeros((n, n_y, 1 + n_all))
-        rows[:, :, 0] = found[:n_y].T
-        for k, theta in enumerate(owners):
-            if k in begin:
-                offset, slope = begin[k][0] - course.states[:, k], begin[k][1]
-            offsets[k], slopes[k] = offset, slope
-            rows[k, :, 0] += shown[k, :, :n_x] @ offset
-            rows[k, :, 1:] = shown[k, :, :n_x] @ slope
-            rows[k][:, 1 + theta] += shown[k, :, n_x:]
-            offset, slope = moved[k, :, :n_x] @ offset + defects[k], moved[k, :, :n_x] @ slope
-            slope[:, theta] += moved[k, :, n_x:]
-        if not (np.all(np.isfinite(rows)) and np.all(np.isfinite(offsets))):
+        begin = {
+            k: np.column_stack([state - course.states[:, k], slope])
+            for k, (state, slope) in zip(layout.first, starts, strict=True)
+        }
+        sample, theta = np.arange(n)[:, None, None], 1 + layout.owners[layout.runs][:, None]
+        pushes = np.zeros((n, n_x, 1 + n_all))
+        pushes[:, :, 0] = defects
+        pushes[sample, np.arange(n_x)[:, None], theta] += moved[:, :, n_x:]
+        motion = carried_along(moved[:, :, :n_x], pushes, begin)
+        rows = shown[:, :, :n_x] @ motion
+        rows[:, :, 0] += found[:n_y].T
+        rows[sample, np.arange(n_y)[:, None], theta] += shown[:, :, n_x:]
+        if not (np.all(np.isfinite(rows)) and np.all(np.isfinite(motion[:, :, 0]))):
             raise SolverError(f"{problem.system.name} diverges along the motion that random forces make likely.")
         still, measured = np.zeros((n, n_x, n_y)), self.samples[-n_y:].T > 0
         width, seen, owners = self.samples[1], shown[:, :, :n_x], owners_of(problem.experiments)
         pushed = (moved[:, :, :n_x], still, by_force, seen, measured)
         chain = Chain(self.names, *pushed, layout.first, width, owners)
         kept = [0, *(1 + i for i in self.fitted)]
-        return Linear(chain, rows[:, :, kept], offsets, slopes[:, :, self.fitted])
+        return Linear(chain, rows[:, :, kept], motion[:, :, 0], motion[:, :, kept[1:]])
 
 
 def led(
@@ -195,43 +193,27 @@ def smoothed(
     SolverError
         If what is linear grows so fast that a covariance is none any more.
     """
-    n, n_y, m = rows.shape
-    n_x, whole = chain.transition.shape[1], chain.transition.shape[1] + sizes.shape[1]
-    inner = np.arange(n_x, whole)
+    n, _, m = rows.shape
+    n_x, n_d = chain.transition.shape[1], sizes.shape[1]
     samples, is_on = side_by_side(chain)
-    n_runs = samples.shape[1]
-    seen = np.zeros((n, n_y, whole))
-    seen[:, :, :n_x] = chain.error * chain.measured[:, :, None]
-    run = np.searchsorted(chain.first, np.arange(n), side="right") - 1
-    keep = np.exp(-chain.width[:, None] / times[run])
-    ways = np.zeros((n, whole, whole))
-    ways[:, :n_x, :n_x], ways[:, :n_x, n_x:], ways[:, inner, inner] = chain.transition, chain.pushes, keep
-    rows = np.where(chain.measured[:, :, None], rows, 0.0)
-    mean, cov = np.zeros((n_runs, whole, m)), np.zeros((n_runs, whole, whole))
-    cov[:, inner, inner] = sizes**2
-    white, means, covs = np.zeros(rows.shape), np.zeros((n, whole, m)), np.zeros((n, whole, whole))
-    pulls, stays = np.zeros((n, whole, m)), np.zeros((n, whole, whole))
-    for k, now in enumerate(samples):
-        on, c, way = is_on[k], seen[now], ways[now]
-        crossed = cov @ c.swapaxes(1, 2)
-        try:
-            root = np.linalg.cholesky(c @ crossed + np.eye(n_y))
-        except np.linalg.LinAlgError as error:
-            raise SolverError("What is linear along the course grows beyond all numbers.") from error
-        new = np.linalg.solve(root, np.concatenate([rows[now] - c @ mean, c], axis=2))
-        told = np.linalg.solve(root.swapaxes(1, 2), new)
-        stay = np.eye(whole) - crossed @ told[:, :, m:]
-        for kept, value in ((white, new[:, :, :m]), (means, mean), (covs, cov), (stays, stay)):
-            kept[now[on]] = value[on]
-        pulls[now[on]] = (c.swapaxes(1, 2) @ told[:, :, :m])[on]
-        mean = way @ (mean + crossed @ told[:, :, :m])
-        cov = way @ stay @ cov @ way.swapaxes(1, 2)
-        cov[:, inner, inner] += sizes**2 * (1 - keep[now] ** 2)
-        cov = (cov + cov.swapaxes(1, 2)) / 2
-    back, found = np.zeros((n_runs, whole, m)), np.zeros((n, whole, m))
+    keep = np.exp(-chain.width[samples][:, :, None] / times)[:, None]
+    seen = np.where(chain.measured[:, :, None], chain.error, 0.0)
+    known = filters(chain.transition[samples], chain.pushes[samples], seen[samples], keep, sizes[None])
+    steps, pushes, root, cov = (part[:, 0] for part in (known.step, known.push, known.root, known.covariance))
+    if not np.all(np.isfinite(root[is_on])):
+        raise SolverError("What is linear along the course grows beyond all numbers.")
+    side, c = np.where(chain.measured[:, :, None], rows, 0.0)[samples], seen[samples]
+    means, now = np.empty((*samples.shape, n_x + n_d, m)), np.zeros((samples.shape[1], n_x + n_d, m))
+    for k, (step, push) in enumerate(zip(steps, pushes, strict=True)):
+        means[k] = now
+        now = step @ now + push @ side[k]
+    white = root @ (side - c @ means[:, :, :n_x])
+    pulls = np.zeros(means.shape)
+    pulls[:, :, :n_x] = c.swapaxes(2, 3) @ (root.swapaxes(2, 3) @ white)
+    backs, back = np.empty_like(means), np.zeros(means.shape[1:])
     for k in reversed(range(len(samples))):
-        now, on = samples[k], is_on[k]
-        ahead = pulls[now] + stays[now].swapaxes(1, 2) @ (ways[now].swapaxes(1, 2) @ back)
-        back = np.where(on[:, None, None], ahead, 0.0)
-        found[now[on]] = (means[now] + covs[now] @ back)[on]
-    return white, found[:, :n_x], found[:, n_x:]
+        back = np.where(is_on[k][:, None, None], steps[k].swapaxes(1, 2) @ back + pulls[k], 0.0)
+        backs[k] = back
+    likeliest, found, whites = means + cov @ backs, np.empty((n, n_x + n_d, m)), np.empty(rows.shape)
+    found[samples[is_on]], whites[samples[is_on]] = likeliest[is_on], white[is_on]
+    return whites, found[:, :n_x], found[:, n_x:]

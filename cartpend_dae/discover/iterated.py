@@ -148,6 +148,7 @@ def _first(
     return courses
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _likeliest(model: Forced, seen: _Seen) -> _Seen:
     """Go on to the likeliest course, as long as the likelihood rises; the first step may lower it."""
     for number in range(ROUNDS):

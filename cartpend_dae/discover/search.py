@@ -7,6 +7,7 @@ import numpy as np
 from cartpend_dae.discover.bases import Library, base_of, fit_base, noise_alone, noise_rules, place_with_a_future
 from cartpend_dae.discover.carried import carries_over
 from cartpend_dae.discover.choice import SHAPE, beyond_shape, least_beyond, step_of
+from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.couple import couple, plainer, simpler
 from cartpend_dae.discover.disturbed import fitted, polished
 from cartpend_dae.discover.edges import off_edges
@@ -136,8 +137,8 @@ def _against_forces(
 
     What noise alone had found stands if it leaves no more than the shape of each effect, and no plainer law does; if
     both agree on it; if it is most of all, and forces find nothing, as the injection that suits them hides what is
-    wrong at a sensor, or what leaves clearly more of the runs; and if the model cannot be weighed so, or the search is
-    interrupted before. Where forces find what leaves noise alone, there are none.
+    wrong at a sensor, or what leaves clearly more of the runs and is no other law of a contact; and if the model cannot
+    be weighed so, or the search is interrupted before. Where forces find what leaves noise alone, there are none.
     """
     found, before = log.steps, replace(log, tried=dict(log.tried))
     old = (replace(noise, regime="disturbances"), *without)
@@ -179,10 +180,24 @@ def _against_forces(
         log.back_to(before)
         return old
     may_stand = is_most(without[1]) and carries_over(bench, *without, noise)
-    if may_stand and not (log.steps and not _explains_less(bench, base, found[0].candidate, noise)):
+    is_told = bool(log.steps) and (
+        _is_weighed(log, found[0].candidate) or not _explains_less(bench, base, found[0].candidate, noise)
+    )
+    if may_stand and not is_told:
         log.back_to(before)
         return old
     return rules, start, base
+
+
+def _is_weighed(log: Log, first: Candidate) -> bool:
+    """Return whether forces found another law of a contact than noise did, and weighed that one too.
+
+    Both are as large and as fast, so that none of them is left to the forces; in a free simulation the richer one may
+    take up what chance pushed.
+    """
+    tried = log.tried.get(first.insertion.prefix)
+    is_fitted = tried is not None and tried.fit is not None
+    return is_fitted and any(is_other_law(step.candidate, first) for step in log.steps)
 
 
 def _explains_less(bench: Workbench, base: Base, first: Candidate, noise: Rules) -> bool:

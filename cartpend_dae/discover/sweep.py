@@ -18,6 +18,7 @@ from scipy.ndimage import uniform_filter1d
 from cartpend_dae.continuous import without_events
 from cartpend_dae.cuts import owners_of
 from cartpend_dae.discover.records import Setup
+from cartpend_dae.discover.recursion import carried_along
 from cartpend_dae.discover.scan import Scan, best_shapes, out_of_range
 from cartpend_dae.discover.slopes import (
     LOST,
@@ -326,20 +327,14 @@ def _gathered(
     pushes = growth.moved(local, data[1])
     moved = pushes - local.measured @ growth.outputs
     loose = pushes + h * ((free.transition - local.transition)[:, :, :n_own] @ growth.left)
-    eta = np.zeros((n_state, n_all + n_sizes))
-    columns = np.zeros((n, n_y, n_all + n_sizes))
-    owners = layout.owners[layout.runs]
-    for k in range(n):
-        segment, within = divmod(k, layout.length)
-        if within == 0 and segment in start:
-            eta = np.hstack([start[segment][own], np.zeros((n_state, n_sizes))])
-        theta = owners[segment]
-        columns[k] = local.error[k] @ eta
-        columns[k][:, theta] += local.error_theta[k]
-        columns[k][:, n_all:] -= growth.outputs[k] * weight[k][:, None]
-        eta = local.transition[k] @ eta
-        eta[:, theta] += local.theta[k]
-        eta[:, n_all:] += moved[k]
+    begin = {k * layout.length: np.hstack([slopes[own], np.zeros((n_state, n_sizes))]) for k, slopes in start.items()}
+    sample, theta = np.arange(n)[:, None, None], np.repeat(layout.owners[layout.runs], layout.length, axis=0)[:, None]
+    driven = np.zeros((n, n_state, n_all + n_sizes))
+    driven[:, :, n_all:] = moved
+    driven[sample, np.arange(n_state)[:, None], theta] += local.theta
+    columns = local.error @ carried_along(local.transition, driven, begin)
+    columns[sample, np.arange(n_y)[:, None], theta] += local.error_theta
+    columns[:, :, n_all:] -= growth.outputs * weight[:, :, None]
     measured = weight > 0
     flat = columns[measured]
     sizes = {name: flat[:, n_all + i] for i, name in enumerate(names)}

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cartpend_dae.discover.recursion import carried_along
 from cartpend_dae.discover.slopes import Local
 from cartpend_dae.effects import Insertion
 from cartpend_dae.problem import Problem
@@ -113,18 +114,13 @@ def nominal(
     pushed
         What the forces of the trail add in a step, shape (n, n_kept).
     """
-    residual, offset = found.residual.copy(), np.zeros(len(kept))
     length = problem.layout.length
+    states, ends = found.states[kept].T, found.ends[kept].T
     starts = zip(problem.layout.first, start_states(problem, values), strict=True)
-    begin = {segment * length: start for segment, start in starts}
-    states, ends = found.states[kept], found.ends[kept]
-    for k in range(residual.shape[1]):
-        if k in begin:
-            offset = begin[k][kept] - states[:, k]
-        residual[:, k] += local.error[k] @ offset
-        if k + 1 < residual.shape[1]:
-            offset = local.transition[k] @ offset + ends[:, k] - states[:, k + 1] - pushed[k]
-    return residual
+    begin = {k * length: (start[kept] - states[k * length])[:, None] for k, start in starts}
+    jumps = np.vstack([ends[:-1] - states[1:], np.zeros((1, len(kept)))]) - pushed
+    offsets = carried_along(local.transition, jumps[:, :, None], begin)
+    return found.residual + (local.error @ offsets)[:, :, 0].T
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cartpend_dae.discover.recursion import TOGETHER, filters
+
 # the variance of the noise may be so many times that found in the raw data, whose sd scatters by 4 to 7 percent
 KNOWN = (0.7, 1.4)
 
@@ -94,58 +96,28 @@ def whitened(chain: Chain, rows: np.ndarray, sizes: np.ndarray, times: np.ndarra
         Standard deviation and correlation time [s] of each force in each run, shapes (n_sets, n_runs, n_d).
     """
     n, n_y, m = rows.shape
-    n_x, n_d, n_sets = chain.transition.shape[1], chain.pushes.shape[2], len(sizes)
-    whole, inner = n_x + n_d, np.arange(n_x, n_x + n_d)
-    seen, step, known = _with_forces(chain, rows)
+    n_x, (n_sets, n_runs, n_d) = chain.transition.shape[1], sizes.shape
     samples, is_on = side_by_side(chain)
+    seen = np.where(chain.measured[:, :, None], chain.error, 0.0)
     keep = np.exp(-chain.width[samples][:, None, :, None] / times)
-    pushed = sizes**2 * (1 - keep**2)
-    out = np.empty((n_sets, n, n_y, m))
-    gains, scales = np.empty((n, n_sets, n_x, n_y)), np.empty((n, n_sets, n_y))
-    n_runs = samples.shape[1]
-    variance = np.zeros((n_sets, n_runs, whole, whole))
-    variance[:, :, inner, inner] = sizes**2
-    state, eye = np.zeros((n_sets, n_runs, whole, m)), np.eye(n_y)
-    # the covariance of what is seen, then what is divided by its root: new rows, covariance with the states, and 1
-    table = np.zeros((n_sets, n_runs, n_y, n_y + m + whole + n_y))
-    moves = np.zeros((n_sets, n_runs, whole, whole))
-    new, across, ones = (slice(n_y, n_y + m), slice(n_y + m, n_y + m + whole), slice(n_y + m + whole, None))
-    for k, now in enumerate(samples):
-        c = seen[now]
-        table[..., across] = c @ variance
-        table[..., :n_y] = table[..., across] @ c.swapaxes(1, 2) + eye
-        table[..., new] = rows[now] - c @ state
-        table[..., ones] = eye
-        root = _divided(table)
-        on = is_on[k]
-        out[:, now[on]] = table[:, on, :, new]
-        scales[now[on]] = root[:, on].swapaxes(0, 1)
-        gain = table[..., across].swapaxes(2, 3)
-        gains[now[on]] = (gain[:, :, :n_x] @ table[..., ones])[:, on].swapaxes(0, 1)
-        moves[:] = step[now]
-        moves[:, :, inner, inner] = keep[k]
-        state = moves @ (state + gain @ table[..., new]) + known[now]
-        variance = moves @ (variance - gain @ table[..., across]) @ moves.swapaxes(2, 3)
-        variance[:, :, inner, inner] += pushed[k]
-        variance = (variance + variance.swapaxes(2, 3)) / 2
-    determinants = np.add.reduceat(2 * np.log(scales).sum(axis=2), list(chain.first), axis=0)
+    transition = chain.transition - chain.noise @ seen
+    found = filters(transition[samples], chain.pushes[samples], seen[samples], keep, sizes)
+    found.push[:, :, :, :n_x] += chain.noise[samples][:, None]
+    side, c = rows[samples][:, None], seen[samples][:, None]
+    out, now = np.empty((n_sets, n, n_y, m)), np.zeros((n_sets, n_runs, n_x + n_d, m))
+    states = np.empty((TOGETHER, n_sets, n_runs, n_x, m))
+    for first in range(0, len(samples), TOGETHER):
+        part = slice(first, first + TOGETHER)
+        for k, (step, push, row) in enumerate(zip(found.step[part], found.push[part], side[part], strict=True)):
+            states[k] = now[:, :, :n_x]
+            now = step @ now + push @ row
+        white = found.root[part] @ (side[part] - c[part] @ states[: len(side[part])])
+        out[:, samples[part][is_on[part]]] = white.swapaxes(1, 2)[is_on[part]].swapaxes(0, 1)
+    scales = np.empty((n, n_sets, n_y))
+    scales[samples[is_on]] = np.diagonal(found.root, axis1=3, axis2=4).swapaxes(1, 2)[is_on]
+    determinants = np.add.reduceat(-2 * np.log(scales).sum(axis=2), list(chain.first), axis=0)
+    gains = found.gain[:, :, :, :n_x].swapaxes(1, 2)[is_on]
     return White(out, determinants.T, np.median(gains, axis=0))
-
-
-def _with_forces(chain: Chain, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return how states with the forces beside them are seen, the matrices of their step, and what is known of it.
-
-    Shapes are (n, n_y, n_x + n_d), (n, n_x + n_d, n_x + n_d) and (n, n_x + n_d, m).
-    """
-    n, n_y, m = rows.shape
-    n_x, whole = chain.transition.shape[1], chain.transition.shape[1] + chain.pushes.shape[2]
-    seen = np.zeros((n, n_y, whole))
-    seen[:, :, :n_x] = chain.error * chain.measured[:, :, None]
-    step, known = np.zeros((n, whole, whole)), np.zeros((n, whole, m))
-    step[:, :n_x, :n_x] = chain.transition - chain.noise @ seen[:, :, :n_x]
-    step[:, :n_x, n_x:] = chain.pushes
-    known[:, :n_x] = chain.noise @ rows
-    return seen, step, known
 
 
 def side_by_side(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
@@ -156,22 +128,6 @@ def side_by_side(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
     ends = np.array([*chain.first[1:], len(chain.width)])
     samples = np.arange(max(ends - chain.first))[:, None] + np.array(chain.first)
     return np.minimum(samples, ends - 1), samples < ends
-
-
-def _divided(table: np.ndarray) -> np.ndarray:
-    """Divide rows (..., n_y, n_y + m), the first n_y columns a covariance, by its Cholesky factor; return its diagonal.
-
-    Each row, divided by its own element of the diagonal, is taken out of those below it.
-    """
-    n_y = table.shape[-2]
-    root = np.empty(table.shape[:-1])
-    for i in range(n_y):
-        row = table[..., i, :]
-        root[..., i] = np.sqrt(row[..., i])
-        row /= root[..., i, None]
-        if i + 1 < n_y:
-            table[..., i + 1 :, :] -= row[..., i + 1 : n_y, None] * row[..., None, :]
-    return root
 
 
 def likelihood(n: int, squares: np.ndarray | float, determinant: np.ndarray | float) -> np.ndarray:

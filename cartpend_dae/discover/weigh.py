@@ -99,6 +99,7 @@ def loads_at(places: tuple[Place, ...]) -> tuple[Insertion, ...]:
     return tuple(Insertion(card, place) for place in places if fits(card, place))
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def weigh(
     bench: Workbench,
     taken: tuple[Insertion, ...],
