@@ -66,7 +66,8 @@ class TooLongError(Exception):
 
 
 def _interrupt(signal_number: int, frame: Any) -> None:
-    raise TooLongError
+    if signal.getitimer(signal.ITIMER_PROF)[0] > 0:  # else it comes late, once the time is stopped
+        raise TooLongError
 
 
 def discover(study: Path, timeout: float) -> tuple[dict[str, Any] | None, str]:
