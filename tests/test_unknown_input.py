@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from cartpend_dae.discover import weigh as weigh_module
-from cartpend_dae.discover.disturbed import penalty
+from cartpend_dae.discover.disturbed import MIN_T, _least_t, penalty
 from cartpend_dae.discover.unknown_input import Chain, left_over, likelihood, whitened
+from cartpend_dae.effects import insertion_at
+from models.linear_damp_mod import LinearDampMod
 
 WIDTH, N = 0.02, 120
 
@@ -143,3 +145,13 @@ def test_pieces_of_a_run_have_the_same_forces():
     found = weigh_module.most_likely(chain, rows, (np.full((1, 2, 1), 30.0), np.full((1, 2, 1), 0.2)), 4)[0]
     assert np.all(found.sizes == found.sizes[0])
     assert np.all(found.times == found.times[0])
+
+
+def test_a_single_parameter_must_pass_by_its_spread_what_it_must_by_its_likelihood():
+    """Losses in gears gained 27 of -2 ln likelihood with 1.4 jackknife standard deviations, where nothing was there."""
+    one, two = (insertion_at(LinearDampMod(), name, "rail") for name in ("coulomb_friction", "asymmetric_friction"))
+    needed = penalty(170)
+    assert _least_t(one, needed, 2 * needed) ** 2 == pytest.approx(needed)
+    assert _least_t(one, needed, 0.0) > MIN_T
+    assert _least_t(two, 2 * needed, 0.0) == MIN_T
+    assert _least_t(two, 2 * needed, 2 * needed) == 0.0
