@@ -17,6 +17,7 @@ from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.log import Log, Uncovered
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.screen import candidates
+from cartpend_dae.discover.search import _is_weighed
 from cartpend_dae.discover.state import Base
 from cartpend_dae.effects import catalogue, insertion_at, places
 from cartpend_dae.errors import SolverError
@@ -263,3 +264,16 @@ def test_where_predictions_tell_nothing_what_forces_told_before_stands(bench, ru
         log = Log()
         _, _, base = search._against_forces(bench, rules, (start, start), ((), ()), 3, log)
         assert (grown, base.taken, log.steps) == (regimes, taken, [step] if seen else [])
+
+
+def test_forces_decide_between_laws_of_one_contact_that_both_were_weighed(law):
+    """A wave of friction left a sixth of what Coulomb friction did in free simulations, and explained no more."""
+    wave, plain, load = law("position_dependent_friction"), law("coulomb_friction"), law("constant_load")
+    log = Log(steps=[step_of(plain, residuals(plain.fit), [plain])])
+    assert not _is_weighed(log, wave)  # never tried
+    log.tried[wave.insertion.prefix] = replace(wave, fit=None)
+    assert not _is_weighed(log, wave)  # only screened
+    log.tried[wave.insertion.prefix] = wave
+    assert _is_weighed(log, wave)
+    log.steps = [step_of(load, residuals(load.fit), [load])]
+    assert not _is_weighed(log, wave)  # no law of the contact
