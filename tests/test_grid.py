@@ -31,6 +31,16 @@ def test_a_record_that_mostly_rests_has_none():
     assert grid(read + 1e-4 * np.random.default_rng(3).standard_normal(2000)) == 0.0
 
 
+def test_a_step_is_found_in_a_record_that_mostly_rests_in_a_few_steps():
+    rest = np.where(np.arange(2000) < 500, motion(), 0.03 * np.sin(np.arange(2000)))
+    read = 0.06 * np.round(rest / 0.06) + 3e-4 * np.random.default_rng(4).standard_normal(2000)
+    assert grid(read) == pytest.approx(0.06, rel=2e-3)
+
+
+def test_a_record_of_few_values_has_none():
+    assert grid(np.tile(np.random.default_rng(5).uniform(-1.0, 1.0, 24), 5)) == 0.0
+
+
 @pytest.mark.parametrize("read", [np.zeros(0), np.ones(50)])
 def test_what_does_not_move_has_none(read):
     assert grid(read) == 0.0

@@ -275,6 +275,7 @@ def _own(numbers: np.ndarray) -> np.ndarray:
     )
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _best_of_runs(chain: Chain, white: White, best: int) -> np.ndarray:
     """Return which set suits each run best, with what is fitted as the best one has it, shape (n_runs,).
 
