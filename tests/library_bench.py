@@ -100,11 +100,25 @@ def coasting_under_power(m, x0, v0, t, d2, q, v_1):
     return x0 + way * (v**-q - abs(v0) ** -q) / (q * k)
 
 
-def softening_oscillation(m, x0, v0, t, c, k):
+def softening_oscillation(m, x0, v0, t, c, k, f_0=0.0):
     """Integrated by another code to 1e-11."""
-    speed, force = (lambda x: x[1]), (lambda x: -c * x[0] / np.sqrt(1 + k * x[0] ** 2) / m)
-    found = solve_ivp(lambda _, x: [speed(x), force(x)], (0, t[-1]), [x0, v0], "DOP853", t, rtol=1e-11, atol=1e-13)
-    return found.y[0]
+    middle = softest(c, k, f_0)
+
+    def change(_, state):
+        x, v = state
+        return v, -(c * x - f_0) / np.sqrt(1 + k * (x - middle) ** 2) / m
+
+    return solve_ivp(change, (0, t[-1]), [x0, v0], "DOP853", t, rtol=1e-11, atol=1e-13).y[0]
+
+
+def softest(c, k, f_0):
+    return f_0 / c / (1 + k * (f_0 / c / 100) ** 2)
+
+
+def softening_energy(x, c, k, f_0=0.0):
+    middle = softest(c, k, f_0)
+    z = x - middle
+    return c / k * np.sqrt(1 + k * z**2) + (c * middle - f_0) / np.sqrt(k) * np.arcsinh(np.sqrt(k) * z)
 
 
 def cubic_oscillation(m, x0, v0, t, c3):
@@ -135,14 +149,8 @@ MOTIONS = [
     Motion("Spring", oscillation, {"c": 50.0, "x_rel0": 0.02}, 0.1, 0.3, spring_energy),
     Motion("LinearStiffness", oscillation, {"c": 50.0}, 0.1, 0.0, spring_energy),
     Motion("LinearStiffness", hyperbolic_escape, {"c": -8.0}, 0.001, 0.002, spring_energy),
-    Motion(
-        "LinearStiffness",
-        softening_oscillation,
-        {"c": 50.0, "k": 40.0},
-        0.3,
-        0.5,
-        lambda x, c, k: c / k * (np.sqrt(1 + k * x**2) - 1),
-    ),
+    Motion("LinearStiffness", softening_oscillation, {"c": 50.0, "k": 40.0}, 0.3, 0.5, softening_energy),
+    Motion("LinearStiffness", softening_oscillation, {"c": 50.0, "k": 40.0, "f_0": 4.0}, 0.3, 0.5, softening_energy),
     Motion("CubicStiffness", cubic_oscillation, {"c3": 300.0}, 0.4, 0.0, lambda x, c3: c3 / 4 * x**4),
     Motion("CubicStiffness", quintic_escape, {"c5": -0.06}, 0.4, 0.0064, lambda x, c5: c5 / 6 * x**6),
     Motion("ConstantLoad", thrown_against_load, {"f_0": 1.5}, 0.1, 2.0, lambda x, f_0: f_0 * x),

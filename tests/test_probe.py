@@ -50,18 +50,23 @@ def test_a_sweep_tells_which_effects_move_by_themselves(at):
     assert found.moving == {f"{CHAIN}.compliance", "left.flange.base_compliance"}
 
 
-def test_what_promises_something_is_screened_from_the_other_starts_of_its_corrections():
-    """A gap whose contact sets in gradually began from the width of one with hard flanks, and was called a chain."""
+def test_what_may_be_tried_is_screened_from_the_other_starts_of_its_corrections():
+    """A gap whose contact sets in gradually began from the width of one with hard flanks, and was called a chain.
+
+    The gain of the only sensor of a linear model is in what is free already; how it fades is not.
+    """
 
     def promising(effect, predicted, place=CHAIN):
         option = insertion_at(LinearDampMod(), effect, place)
         option = replace(option, values=option.card.starts(option.place.kind)[0])
         return Candidate(option, option.starts, predicted, 0.0, 0.0, None, "")
 
-    gap, chain = promising("backlash", 100.0), promising("compliance", 20.0)
-    faint = promising("sensor_delay", 9.0, "encoder.s")
+    gap, chain = promising("backlash", 100.0), promising("compliance", 2.0)
+    unseen = replace(promising("sensor_gain", 0.0, "encoder.s"), why_not=screening.UNSEEN)
     refused = replace(promising("linear_stiffness", 50.0, "rail"), why_not="no")
-    found = screening._corrected([gap, chain, faint, refused, promising("coulomb_friction", 90.0, "rail")])
-    assert [one.prefix for one in found] == [f"{CHAIN}.backlash", f"{CHAIN}.compliance"]
+    found = screening._corrected([gap, chain, unseen, refused, promising("coulomb_friction", 90.0, "rail")])
+    gain = "encoder.s.sensor_gain"
+    assert [one.prefix for one in found] == [f"{CHAIN}.backlash", f"{CHAIN}.compliance", gain, gain]
     assert found[0].values == {**gap.insertion.values, "r": 0.3}
     assert found[1].values == {**chain.insertion.values, "n": 0.05}
+    assert [one.values["k"] for one in found[2:]] == [1.0, 100.0]

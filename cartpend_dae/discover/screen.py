@@ -30,9 +30,6 @@ NEAR = 0.8
 # their predictions mostly hold even where they change between two samples (in ten searches on tuning seeds the least
 # were a third of what they are alone; those of a gap are a thousandth)
 SLIGHT = 0.02
-# what promises this share of the best is tried from the other starts of what corrects its law: the width of a gap that
-# they tell is another one
-SOMETHING = 0.1
 # so many effects are judged along one simulation
 TOGETHER = 30
 # what promises less than this share of what is left promises nothing but rounding
@@ -199,13 +196,14 @@ def _told(at: At, done: list["_Batch"], before: Sequence[Candidate] = ()) -> lis
 
 
 def _corrected(found: list[Candidate]) -> list[Insertion]:
-    """Return the effects that promise something from the other starts of what corrects their laws."""
-    able = [c for c in found if not c.why_not]
-    most = max((c.predicted for c in able), default=0.0)
+    """Return the effects from the other starts of what corrects their laws.
+
+    Where the law itself is what is free already, as the gain of a sensor is, what corrects it may be seen.
+    """
     return [
         replace(c.insertion, values={**c.insertion.values, item.names[c.insertion.place.kind]: start})
-        for c in able
-        if c.predicted > SOMETHING * most
+        for c in found
+        if c.why_not in ("", UNSEEN)
         for item in c.insertion.card.parameters
         if item.corrects
         for start in item.starts_at(c.insertion.place.kind)[1:]

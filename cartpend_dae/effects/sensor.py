@@ -28,7 +28,7 @@ def sensor_cards() -> tuple[Card, ...]:
             summary="a sensor whose scale is wrong",
             insertion="sensor",
             components={None: signal_errors.SensorGain},
-            parameters=(size("e", lower=-0.9, upper=1.0), shape("k", (0.0,), lower=0.0, corrects=True)),
+            parameters=(size("e", lower=-0.9, upper=1.0), shape("k", (0.0, 1.0, 100.0), lower=0.0, corrects=True)),
             dissipative=False,
             nested_in=("current_sensor_error",),
             equivalent_to={"input_gain": "a linear model with one sensor, driven from rest"},

@@ -10,6 +10,9 @@ import numpy as np
 # shortest time of a memory [s]: at 5 rad/s it changes nothing where the presliding angle is above 2.5 mrad, and steps
 # of 1 ms can follow it
 SHORTEST = 0.0005
+# a spring that is at rest far beyond so many times the stretch at which it softens is as good as a load; and a
+# stiffness [N.m/rad or N/m] that is none
+REMOTE, NO_STIFFNESS = 100.0, 1e-9
 # a share of the load where a spring hardens that changes nothing
 SLIGHT = 1e-4
 
@@ -33,6 +36,15 @@ def grown_lag(lag: ca.SX, floor: ca.SX) -> ca.SX:
     """Return a lag [s] that grows from a floor where it is nothing, and is itself to 0.3 % from twice the floor on."""
     r = lag / floor
     return floor * ca.sqrt(r**2 + ca.exp(-(r**2)))
+
+
+def softened(c: ca.SX, x: ca.SX, preload: ca.SX, k: ca.SX) -> ca.SX:
+    """Return the force F/(1 + k (x - x_0)^2)^0.5 of a spring F = c x - preload that softens about its rest position.
+
+    x_0 is preload/c, less by the share k (x_0/100)^2, and 0 where there is no spring, so that the force has slopes there.
+    """
+    x_0 = c * preload / (c**2 + k * (preload / REMOTE) ** 2 + NO_STIFFNESS**2)
+    return (c * x - preload) / ca.sqrt(1 + k * (x - x_0) ** 2)
 
 
 def hardened(load: ca.SX) -> ca.SX:

@@ -23,6 +23,7 @@ from cartpend_dae.language import (
 )
 from cartpend_dae.library import translational
 from cartpend_dae.library.friction import drag, viscous_and_coulomb
+from cartpend_dae.library.laws import softened
 
 
 class Flange(Port):
@@ -341,7 +342,7 @@ class CubicStiffness(Compliant):
 class LinearStiffness(Compliant):
     """Linear stiffness, tau = c phi_rel - tau_0, at rest at tau_0/c; negative weakens a spring beside it.
 
-    It may soften: tau = c x/(1 + k x^2)^0.5 - tau_0, x = phi_rel.
+    It may soften about its rest position, tau = c x/(1 + k x^2)^0.5, x = phi_rel - tau_0/c; see `laws.softened`.
     """
 
     c: Param = param(unit="N.m/rad", default=0.0, doc="stiffness")
@@ -352,5 +353,4 @@ class LinearStiffness(Compliant):
 
     def equations(self) -> Statements:
         yield from super().equations()
-        x = self.phi_rel
-        yield self.tau == self.c * x / (1 + self.k * x**2) ** 0.5 - self.tau_0
+        yield self.tau == softened(self.c, self.phi_rel, self.tau_0, self.k)

@@ -20,6 +20,7 @@ from cartpend_dae.language import (
     var,
 )
 from cartpend_dae.library.friction import drag, viscous_and_coulomb
+from cartpend_dae.library.laws import softened
 
 
 class Flange(Port):
@@ -284,7 +285,7 @@ class CubicStiffness(Compliant):
 class LinearStiffness(Compliant):
     """Linear stiffness, f = c s_rel - f_0, at rest at f_0/c; negative weakens a spring beside it.
 
-    It may soften: f = c x/(1 + k x^2)^0.5 - f_0, x = s_rel.
+    It may soften about its rest position, f = c x/(1 + k x^2)^0.5, x = s_rel - f_0/c; see `laws.softened`.
     """
 
     c: Param = param(unit="N/m", default=0.0, doc="stiffness")
@@ -295,5 +296,4 @@ class LinearStiffness(Compliant):
 
     def equations(self) -> Statements:
         yield from super().equations()
-        x = self.s_rel
-        yield self.f == self.c * x / (1 + self.k * x**2) ** 0.5 - self.f_0
+        yield self.f == softened(self.c, self.s_rel, self.f_0, self.k)
