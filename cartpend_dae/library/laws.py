@@ -41,7 +41,7 @@ def grown_lag(lag: ca.SX, floor: ca.SX) -> ca.SX:
 def softened(c: ca.SX, x: ca.SX, preload: ca.SX, k: ca.SX) -> ca.SX:
     """Return the force F/(1 + k (x - x_0)^2)^0.5 of a spring F = c x - preload that softens about its rest position.
 
-    x_0 is preload/c, less by the share k (x_0/100)^2, and 0 where there is no spring, so that the force has slopes there.
+    x_0 is preload/c, less by the share k (x_0/100)^2, and 0 where there is no spring: the force has slopes there.
     """
     x_0 = c * preload / (c**2 + k * (preload / REMOTE) ** 2 + NO_STIFFNESS**2)
     return (c * x - preload) / ca.sqrt(1 + k * (x - x_0) ** 2)
