@@ -7,7 +7,7 @@ import pytest
 from test_discovery_choice import bench, fitted, plain_fit  # noqa: F401
 
 from cartpend_dae.directions import unreached
-from cartpend_dae.discover.evidence import bic, described, determined, leaves_far_less, plain_bic
+from cartpend_dae.discover.evidence import bic, described, determined, leaves_clearly_less, plain_bic
 from models.linear_damp_mod import LinearDampMod
 
 
@@ -39,8 +39,8 @@ def test_a_correction_has_no_price_unless_it_ends_on_a_bound(spring):
     assert plain_bic(held, spring.insertion) == bic(held)
 
 
-def test_half_of_what_another_leaves_is_far_less(spring):
+def test_half_of_what_another_leaves_is_clearly_less(spring):
     fit = spring.fit
-    assert leaves_far_less(replace(fit, chi2=0.49 * fit.chi2), fit)
-    assert not leaves_far_less(replace(fit, chi2=0.51 * fit.chi2), fit)
-    assert not leaves_far_less(fit, fit)
+    assert leaves_clearly_less(replace(fit, chi2=0.49 * fit.chi2), fit)
+    assert not leaves_clearly_less(replace(fit, chi2=0.51 * fit.chi2), fit)
+    assert not leaves_clearly_less(fit, fit)

@@ -15,6 +15,8 @@ BLOCKS = 30
 LONG = 10
 # a fit that leaves more than so many times what another one does is far behind, in however many blocks
 FAR_LESS = 2.0
+# standard deviations, from block to block, by which one model must explain the runs better to stand against another
+CLEARLY = 3.0
 # correlation of two parameters above which the variance of each is a hundred times what it were without the other
 ONE = 0.995
 
@@ -137,12 +139,13 @@ def lead(one: Fit, other: Fit) -> float:
     return float(less.mean() / max(less.std(ddof=1) / np.sqrt(less.size), 1e-300))
 
 
-def leaves_far_less(one: Fit, other: Fit) -> bool:
-    """Return whether one fit leaves far less than another of the same runs, at the same bandwidth.
+def leaves_clearly_less(one: Fit, other: Fit) -> bool:
+    """Return whether one fit leaves clearly less than another of the same runs, at the same bandwidth.
 
-    Where a few blocks of time have most of it, their spread would hide that from `lead`.
+    It leads clearly from block to block, or leaves far less: where a few blocks of time have most of it, their spread
+    would hide that.
     """
-    return FAR_LESS * one.chi2 < other.chi2
+    return FAR_LESS * one.chi2 < other.chi2 or lead(one, other) > CLEARLY
 
 
 def robust(fit: Fit, linear: Linearisation) -> Robust:

@@ -19,7 +19,7 @@ from cartpend_dae.discover.contact import is_dry, is_other_law
 from cartpend_dae.discover.contradicted import contradicted
 from cartpend_dae.discover.couple import as_fitted
 from cartpend_dae.discover.disturbed import ALIKE, fitted, polished, reweighed
-from cartpend_dae.discover.evidence import determined, leaves_far_less
+from cartpend_dae.discover.evidence import determined, leaves_clearly_less
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.iterated import can_follow
 from cartpend_dae.discover.nested import WAYS, as_plain, holds, shared
@@ -70,8 +70,8 @@ def lawful(
             if first is told:
                 continue
             after, found = _instead(bench, base, others, told, first, rules)
-            if rules.regime != "forces" and leaves_far_less(base.fit, after.fit):
-                continue  # forces do all that friction would, and tell none of its laws
+            if rules.regime != "forces" and leaves_clearly_less(base.fit, after.fit):
+                continue  # forces do what friction would, or take up what is wrong with its shape
             base = after
         except (*UNSOLVED, np.linalg.LinAlgError):  # with one of them the model diverges, and the one found stands
             continue

@@ -11,7 +11,7 @@ from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.couple import couple, plainer, simpler
 from cartpend_dae.discover.disturbed import fitted, polished
 from cartpend_dae.discover.edges import off_edges
-from cartpend_dae.discover.evidence import described, lead, leaves_far_less, with_robust_sd
+from cartpend_dae.discover.evidence import described, leaves_clearly_less, with_robust_sd
 from cartpend_dae.discover.gate import residuals
 from cartpend_dae.discover.laws import lawful
 from cartpend_dae.discover.log import Log, Uncovered
@@ -46,8 +46,6 @@ from cartpend_dae.identify import Fit
 MOVED = ("disturbances", "forces")
 # so many effects together stand for the whole catalogue where the bandwidth of predictions is sought
 RICH = 4
-# standard deviations, from block to block, by which one model must explain the runs better to stand against another
-CLEARLY = 3.0
 
 
 def search(
@@ -214,7 +212,7 @@ def _explains_less(bench: Workbench, base: Base, first: Candidate, noise: Rules)
         found = bench.fit(base.taken, base.fit.point, (bench.last,), noise.sd, patient=False)
     except SolverError:
         return True
-    return leaves_far_less(alone, found) or lead(alone, found) > CLEARLY
+    return leaves_clearly_less(alone, found)
 
 
 def _disturbed(bench: Workbench, noise: Rules, base: Base, log: Log, library: Library) -> tuple[Rules, Base]:
