@@ -251,3 +251,21 @@ def test_the_next_one_takes_the_place_of_one_that_is_refused(bench, plain_fit, f
     assert set(judged) == {c.insertion.prefix for c in few[: trial.NARROW + n_refused]}
     assert len(found) == len(few)
     assert sum(c.fit is None for c in found) == len(few) - trial.NARROW - n_refused
+
+
+@pytest.mark.parametrize(("left", "is_refused"), [(0.09, False), (0.2, True)])
+def test_what_explains_most_needs_no_less_colour(bench, plain_fit, monkeypatch, left, is_refused):  # noqa: F811
+    """A sensor that came 50 ms late left 4 % of the rod in disturbances, whose colour was that of the disturbances."""
+    option = insertion_at(RotaDamp(), "sensor_delay", "bearing.phi")
+    before = replace(plain_fit, chi2=1e7)
+    after = replace(plain_fit, chi2=left * 1e7)
+    at = SimpleNamespace(fit=lambda *_, **__: after, last=0.0, setup=bench.setup)
+    monkeypatch.setattr(trial, "coloured_bic", lambda fit: 0.0)
+    monkeypatch.setattr(trial, "is_absent", lambda *_: False)
+    monkeypatch.setattr(trial, "_white_t", lambda *_: 9.0)
+    after = replace(after, parameters=(*after.parameters, *(Estimate(n, 1.0, 0.1, "1", "ok") for n in option.starts)))
+    rules = noise_rules(bench, places(RotaDamp()), 0.0)
+    begun = Candidate(option, option.starts, 1.0, 0.0, 0.0, before, "")
+    judged = trial._judge(at, Base((), {0.0: before}, 1e7), rules, begun)
+    assert bool(judged.why_not) == is_refused
+    assert not is_refused or "as alike as they are" in judged.why_not

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cartpend_dae.discover import choice, disturbed, gate
-from cartpend_dae.discover.evidence import lead
+from cartpend_dae.discover.evidence import lead, leaves_clearly_less
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.workbench import last_bandwidth
 from cartpend_dae.effects import catalogue, insertion_at
@@ -15,7 +15,9 @@ from models.rota_damp import RotaDamp
 
 def fit_of(*residuals, sd=1.0):
     runs = tuple(SimpleNamespace(residual=np.asarray(one, dtype=float).reshape(-1, 1)) for one in residuals)
-    return SimpleNamespace(runs=runs, weights_sd=np.array([sd]))
+    return SimpleNamespace(
+        runs=runs, weights_sd=np.array([sd]), chi2=sum(float(np.sum((np.asarray(one) / sd) ** 2)) for one in residuals)
+    )
 
 
 def test_a_fit_that_is_better_in_all_blocks_leads_and_one_that_is_better_in_a_single_one_does_not():
@@ -23,6 +25,8 @@ def test_a_fit_that_is_better_in_all_blocks_leads_and_one_that_is_better_in_a_si
     bump = np.zeros(1000)
     bump[100:150] = 30.0
     assert lead(fit_of(noise), fit_of(3 * noise)) > 10
+    assert leaves_clearly_less(fit_of(noise), fit_of(1.3 * noise))
+    assert not leaves_clearly_less(fit_of(noise), fit_of(noise + bump))
     assert lead(fit_of(noise), fit_of(noise + bump)) < 2
     assert lead(fit_of(3 * noise), fit_of(noise)) < -10
 

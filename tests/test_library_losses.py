@@ -13,6 +13,7 @@ from cartpend_dae.library.electrical_losses import BrushDrop
 from cartpend_dae.library.electrical_sources import StepVoltage
 from cartpend_dae.library.rotational_friction import LossyGear
 from cartpend_dae.library.rotational_links import GearLoss, LoadDependentFriction
+from cartpend_dae.library.rotational_losses import IronLoss
 from models.driven_cart import DrivenCart
 
 
@@ -157,3 +158,12 @@ def test_the_scale_error_of_a_sensor_may_fade_with_what_is_measured():
     found = run(joined((source.y, sensor.u), source=source, sensor=sensor), 1.0)
     u = found["source.y"]
     np.testing.assert_allclose(found["sensor.y"], u * (1 + 0.2 / (1 + 2.8 * u**2)), rtol=1e-12, atol=1e-15)
+
+
+def test_a_machine_coasts_under_the_excess_loss_of_its_iron_as_the_closed_form_says():
+    """J dw/dt = -tau_e (w/w_1)^0.5, so that w^0.5 falls by tau_e/(2 J w_1^0.5) each second."""
+    loss, rotor, ground = IronLoss(tau_e=0.3, w_1=2.0, w_0=1e-4), r.Inertia(J=0.5), r.Fixed()
+    joints = ((ground.flange, loss.flange_a), (loss.flange_b, rotor.flange_b))
+    found = run(joined(*joints, loss=loss, rotor=rotor, ground=ground), 5.0, start={"rotor.phi": 0.0, "rotor.w": 10.0})
+    expected = (np.sqrt(10.0) - 0.3 / (2 * 0.5 * np.sqrt(2.0)) * found.time) ** 2
+    np.testing.assert_allclose(found["rotor.w"], expected, rtol=1e-6)

@@ -118,7 +118,7 @@ def _tried(
     if laws:
         new, enough = _first_fits(bench, base, rules, stage, laws, enough)
         early, wide = early + new, wide + laws
-    if enough is None and not any(_explains_most(c, base.fits[stage]) for c in early):
+    if enough is None and not any(c.fit and explains_most(c.fit, base.fits[stage]) for c in early):
         others = [c for c in possible if c not in wide and c not in elsewhere]
         later = [c for c in others if c.predicted > FAINT * possible[0].predicted][:WIDE]
         early += _first_fits(bench, base, rules, stage, later, enough)[0]
@@ -149,10 +149,9 @@ def other_laws(best: list[Candidate], others: list[Candidate]) -> list[Candidate
     return found
 
 
-def _explains_most(candidate: Candidate, before: Fit) -> bool:
-    """Return whether a candidate leaves little beyond noise of what was left before it, at the stage of that fit."""
-    fit = candidate.fit
-    return fit is not None and fit.chi2 - fit.n_residuals < MOST * (before.chi2 - fit.n_residuals)
+def explains_most(fit: Fit, before: Fit) -> bool:
+    """Return whether a fit leaves little beyond noise of what was left before it, at the stage of that fit."""
+    return fit.chi2 - fit.n_residuals < MOST * (before.chi2 - fit.n_residuals)
 
 
 def _shows(candidate: Candidate, fit: Fit) -> bool:
@@ -371,7 +370,7 @@ def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> 
     gain, t = bic(base.fit) - bic(fit), _white_t(fit, candidate.insertion)
     coloured = coloured_bic(base.fit) - coloured_bic(fit)
     why = "" if gain > MIN_BIC_GAIN else too_little(gain)
-    if not why and coloured < MIN_BIC_GAIN:
+    if not why and coloured < MIN_BIC_GAIN and not explains_most(fit, base.fit):
         why = f"with residuals as alike as they are BIC falls by {coloured:.1f} only, less than {MIN_BIC_GAIN:g}"
     if not why and is_shape_error(base, fit):
         why = f"{SHAPELESS}, and leaves more than noise"

@@ -197,11 +197,19 @@ class MaxwellSlipFriction(CompliantWithSpeed):
 
 
 class IronLoss(CompliantWithSpeed):
-    """Loss in the iron of a machine, tau = d w_rel + tau_c sgn w_rel: eddy currents and remagnetisation."""
+    """Loss in the iron of a machine, tau = d w_rel + tau_c sgn w_rel + tau_e |w_rel/w_1|^0.5 sgn w_rel.
+
+    The terms are eddy currents, remagnetisation, and the excess of moving domain walls, which grows with the power 1.5
+    of the frequency. Near rest that one has a slope: the speed is sqrt(w_rel^2 + w_0^2) under the root.
+    """
 
     d: Param = param(unit="N.m.s/rad", default=0.0, min=0, doc="eddy currents")
     tau_c: Param = param(unit="N.m", default=0.0, min=0, doc="remagnetisation (hysteresis of the iron)")
+    tau_e: Param = param(unit="N.m", default=0.0, min=0, doc="excess loss at the speed w_1")
+    w_1: Param = param(unit="rad/s", default=1.0, min=0, doc="speed at which the excess loss is tau_e")
+    w_0: Param = param(unit="rad/s", default=0.1, min=0, doc="speed below which the excess loss has a slope")
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.tau == self.d * self.w_rel + dry_friction(self.w_rel, self.tau_c)
+        excess = self.w_rel / (self.w_1 * ca.sqrt(self.w_rel**2 + self.w_0**2)) ** 0.5
+        yield self.tau == self.d * self.w_rel + dry_friction(self.w_rel, self.tau_c) + self.tau_e * excess
