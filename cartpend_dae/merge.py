@@ -83,11 +83,29 @@ def _check_masses(system: System) -> None:
     """Refuse dry friction on what has no mass: the force that holds it would follow from itself."""
     frictions = system.frictions
     pairs = zip(frictions.places, ca.vertsplit(frictions.speed), strict=True)
-    if loose := [place for place, speed in pairs if ca.depends_on(speed, frictions.force)]:
+    if loose := [place for place, speed in pairs if _follows_from_friction(system, speed)]:
         raise StructureError(
             f"{system.name}: the speed at which {' and '.join(f'`{place}`' for place in loose)} rubs follows from its "
             f"own dry friction, as nothing there has a mass. Give one of the parts that it joins a mass or an inertia."
         )
+
+
+def _follows_from_friction(system: System, speed: ca.SX) -> bool:
+    """Return whether a speed follows from dry friction at once, be it through equations that are solved together."""
+    force = system.frictions.force
+    if ca.depends_on(speed, force) or not ca.depends_on(speed, system.z):
+        return bool(ca.depends_on(speed, force))
+    solved = -ca.solve(ca.jacobian(system.alg, system.z), ca.jacobian(system.alg, force))
+    moving = [system.x, system.z, system.u, system.time, system.p, force]
+    function = ca.Function("slope", moving, [ca.jacobian(speed, system.z) @ solved])
+    slopes = [np.asarray(function(*point)) for point in _points(moving)]
+    return bool(np.any(np.nan_to_num(slopes, nan=0.0)))
+
+
+def _points(moving: list[ca.SX]) -> list[list[np.ndarray]]:
+    """Return three points in general position: what is zero there is zero everywhere."""
+    generator = np.random.default_rng(0)
+    return [[generator.uniform(0.5, 2.0, e.numel()) for e in moving] for _ in range(3)]
 
 
 def _feels_sums(system: System, rates: ca.SX, groups: list[list[tuple[int, ca.SX]]]) -> list[bool]:
@@ -103,10 +121,7 @@ def _feels_sums(system: System, rates: ca.SX, groups: list[list[tuple[int, ca.SX
     total = ca.densify(sum(differences[1:], differences[0]))
     moving = [system.x, system.z, system.u, system.time, system.p, system.frictions.force]
     function = ca.Function("difference", moving, [total, ca.sum2(ca.fabs(slopes))])
-    # zero at three points in general position is zero everywhere, as for the ratios
-    generator = np.random.default_rng(0)
-    points = ([generator.uniform(0.5, 2.0, e.numel()) for e in moving] for _ in range(3))
-    values = np.array([[np.asarray(v).ravel() for v in function(*point)] for point in points])
+    values = np.array([[np.asarray(v).ravel() for v in function(*point)] for point in _points(moving)])
     return np.all(values[:, 0] <= 1e-9 * (1 + values[:, 1]), axis=0).tolist()
 
 

@@ -26,7 +26,8 @@ def test_a_fit_that_is_better_in_all_blocks_leads_and_one_that_is_better_in_a_si
     bump[100:150] = 30.0
     assert lead(fit_of(noise), fit_of(3 * noise)) > 10
     assert leaves_clearly_less(fit_of(noise), fit_of(1.3 * noise))
-    assert not leaves_clearly_less(fit_of(noise), fit_of(noise + bump))
+    assert leaves_clearly_less(fit_of(noise), fit_of(noise + bump))
+    assert not leaves_clearly_less(fit_of(noise), fit_of(noise + bump / 10))
     assert lead(fit_of(noise), fit_of(noise + bump)) < 2
     assert lead(fit_of(3 * noise), fit_of(noise)) < -10
 
