@@ -9,7 +9,7 @@ from cartpend_dae.effects import insert
 from cartpend_dae.library import electrical, signal_errors
 from cartpend_dae.library import rotational as r
 from cartpend_dae.library import signals as s
-from cartpend_dae.library.electrical_losses import BrushDrop
+from cartpend_dae.library.electrical_losses import BrushDrop, SupplySag
 from cartpend_dae.library.electrical_sources import StepVoltage
 from cartpend_dae.library.rotational_friction import LossyGear
 from cartpend_dae.library.rotational_links import GearLoss, LoadDependentFriction
@@ -167,3 +167,22 @@ def test_a_machine_coasts_under_the_excess_loss_of_its_iron_as_the_closed_form_s
     found = run(joined(*joints, loss=loss, rotor=rotor, ground=ground), 5.0, start={"rotor.phi": 0.0, "rotor.w": 10.0})
     expected = (np.sqrt(10.0) - 0.3 / (2 * 0.5 * np.sqrt(2.0)) * found.time) ** 2
     np.testing.assert_allclose(found["rotor.w"], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("volts", [6.0, -6.0])
+def test_a_supply_gives_way_the_more_the_more_it_carries(volts):
+    """Behind it a resistor draws i of v = (R_s + R_i |i|) i + R i."""
+    source, ground = StepVoltage(V=volts, offset=0.0, start_time=0.5), electrical.Ground()
+    supply, resistor = SupplySag(R_s=0.2, R_i=0.3), electrical.Resistor(R=1.0)
+    model = joined(
+        (source.pin_p, supply.pin_p),
+        (supply.pin_n, resistor.pin_p),
+        (resistor.pin_n, source.pin_n, ground.pin),
+        source=source,
+        ground=ground,
+        supply=supply,
+        resistor=resistor,
+    )
+    found = simulate(model, times=np.array([0.0, 0.5 - 1e-9, 0.5 + 1e-9, 1.0]))["resistor.i"]
+    size = (-1.2 + np.sqrt(1.2**2 + 4 * 0.3 * abs(volts))) / (2 * 0.3)
+    np.testing.assert_allclose(found, [0.0, 0.0, *[np.sign(volts) * size] * 2], atol=1e-9)

@@ -11,13 +11,14 @@ from cartpend_dae.library.laws import wave
 
 
 class SupplySag(Branch):
-    """Line or supply with a resistance, v_p - v_n = R_s i."""
+    """Line or supply with a resistance, v_p - v_n = (R_s + R_i |i|) i, which may grow with the current."""
 
     R_s: Param = param(unit="Ohm", default=0.0, min=0, doc="resistance")
+    R_i: Param = param(unit="Ohm/A", default=0.0, min=0, doc="by how much the resistance grows with the current")
 
     def equations(self) -> Statements:
         yield from super().equations()
-        yield self.pin_p.v - self.pin_n.v == self.R_s * self.i
+        yield self.pin_p.v - self.pin_n.v == (self.R_s + self.R_i * ca.fabs(self.i)) * self.i
 
 
 class BrushDrop(Branch):
