@@ -114,19 +114,24 @@ def test_a_sensor_may_come_late_as_it_was():
     assert phase == pytest.approx(w * 0.05, rel=0.01)
 
 
-def test_brushes_drop_their_voltage_in_the_moment_in_which_the_current_jumps():
-    supply, ground = StepVoltage(V=-3.0, offset=2.0, start_time=0.5), electrical.Ground()
-    brushes, resistor = BrushDrop(V_b=0.8, i_b=0.3), electrical.Resistor(R=0.7)
+def current_through(part, V, offset, R):
+    """Current through a part and a resistor, before and just after the voltage steps at 0.5 s."""
+    source, ground = StepVoltage(V=V, offset=offset, start_time=0.5), electrical.Ground()
+    resistor = electrical.Resistor(R=R)
     model = joined(
-        (supply.pin_p, brushes.pin_p),
-        (brushes.pin_n, resistor.pin_p),
-        (resistor.pin_n, supply.pin_n, ground.pin),
-        supply=supply,
+        (source.pin_p, part.pin_p),
+        (part.pin_n, resistor.pin_p),
+        (resistor.pin_n, source.pin_n, ground.pin),
+        source=source,
         ground=ground,
-        brushes=brushes,
+        part=part,
         resistor=resistor,
     )
-    i = simulate(model, times=np.array([0.0, 0.5 - 1e-9, 0.5 + 1e-9, 1.0]))["resistor.i"]
+    return simulate(model, times=np.array([0.0, 0.5 - 1e-9, 0.5 + 1e-9, 1.0]))["resistor.i"]
+
+
+def test_brushes_drop_their_voltage_in_the_moment_in_which_the_current_jumps():
+    i = current_through(BrushDrop(V_b=0.8, i_b=0.3), V=-3.0, offset=2.0, R=0.7)
     np.testing.assert_allclose(0.7 * i + 0.8 * np.tanh(i / 0.3), [2.0, 2.0, -1.0, -1.0], atol=1e-8)
 
 
@@ -172,17 +177,6 @@ def test_a_machine_coasts_under_the_excess_loss_of_its_iron_as_the_closed_form_s
 @pytest.mark.parametrize("volts", [6.0, -6.0])
 def test_a_supply_gives_way_the_more_the_more_it_carries(volts):
     """Behind it a resistor draws i of v = (R_s + R_i |i|) i + R i."""
-    source, ground = StepVoltage(V=volts, offset=0.0, start_time=0.5), electrical.Ground()
-    supply, resistor = SupplySag(R_s=0.2, R_i=0.3), electrical.Resistor(R=1.0)
-    model = joined(
-        (source.pin_p, supply.pin_p),
-        (supply.pin_n, resistor.pin_p),
-        (resistor.pin_n, source.pin_n, ground.pin),
-        source=source,
-        ground=ground,
-        supply=supply,
-        resistor=resistor,
-    )
-    found = simulate(model, times=np.array([0.0, 0.5 - 1e-9, 0.5 + 1e-9, 1.0]))["resistor.i"]
+    found = current_through(SupplySag(R_s=0.2, R_i=0.3), V=volts, offset=0.0, R=1.0)
     size = (-1.2 + np.sqrt(1.2**2 + 4 * 0.3 * abs(volts))) / (2 * 0.3)
     np.testing.assert_allclose(found, [0.0, 0.0, *[np.sign(volts) * size] * 2], atol=1e-9)
