@@ -408,7 +408,7 @@ def test_an_error_of_a_sensor_that_is_larger_than_its_range_is_none(bench):
     span = max(np.ptp(run.outputs["bearing.phi"].values) for run in runs)
 
     def said(of, values):
-        return contradicted(runs, of, SimpleNamespace(values=values, parameters=()))
+        return contradicted(runs, of, SimpleNamespace(values=values, parameters=(), correlation=np.eye(0)))
 
     small = dict.fromkeys(insertion.parameter_names, 0.9 * span)
     assert said(insertion, small) == ""
@@ -433,8 +433,30 @@ def test_a_second_wave_that_ends_as_the_longest_one_is_a_load_or_a_spring(bench,
     sizes = {f"{insertion.prefix}.{name}": size for name, size in [("f_sin", 1.1), ("f_2_sin", -7.4), ("f_2_cos", 0.1)]}
     estimates = [Estimate(name, size, sd, "N", "ok") for name, size in sizes.items()]
     estimates += [Estimate(name, k, 1.0, "rad/m", status if "k_2" in name else "ok") for name, k in waves.items()]
-    found = contradicted(bench.setup.train, insertion, SimpleNamespace(values=waves | sizes, parameters=estimates))
+    fit = SimpleNamespace(values=waves | sizes, parameters=estimates, correlation=np.eye(len(estimates)))
+    found = contradicted(bench.setup.train, insertion, fit)
     assert ("`k_2` ends at 0.3" in found) if is_none else found == ""
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "status", "r", "is_none"),
+    [
+        ("position_dependent_friction", {"f_c": 9.0, "f_c_cos": -8.9}, "ok", -0.999, True),
+        ("position_dependent_friction", {"f_c": 9.0, "f_c_cos": 8.9}, "ok", -0.999, False),
+        ("position_dependent_friction", {"f_c": 9.0, "f_c_cos": -8.9}, "ok", -0.9, False),
+        ("position_dependent_friction", {"f_c": 4e6, "f_c_cos": -4e6}, "unidentifiable", np.nan, True),
+        ("cubic_stiffness", {"c3": 9.0, "c5": -8.9}, "ok", -0.999, False),
+    ],
+)
+def test_a_wave_whose_sizes_take_each_other_back_is_none(bench, effect, values, status, r, is_none):
+    """A sensor 50 ms late was taken for friction of 4.3 MN less 4.3 MN cos(0.26 s/m) in a record 0.2 m long."""
+    insertion = insertion_at(LinearDampMod(), effect, "rail")
+    named = {f"{insertion.prefix}.{name}": value for name, value in values.items()}
+    estimates = [Estimate(name, value, 1.0, "N", status) for name, value in named.items()]
+    fit = SimpleNamespace(
+        values=insertion.starts | named, parameters=estimates, correlation=np.array([[1.0, r], [r, 1.0]])
+    )
+    assert ("`f_c` and `f_c_cos` are told together alone" in contradicted(bench.setup.train, insertion, fit)) == is_none
 
 
 def test_an_addition_is_no_error_of_a_law_where_other_laws_of_its_contact_explain_far_less(plain_fit, fitted):

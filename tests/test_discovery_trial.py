@@ -236,7 +236,8 @@ def test_the_next_one_takes_the_place_of_one_that_is_refused(bench, plain_fit, f
     few = [fitted(name, 9.0, 4000.0 + 100 * k, **{size: 0.5}) for k, (name, size) in enumerate(effects.items())]
     monkeypatch.setattr(trial, "is_determined", lambda c: True)
     monkeypatch.setattr(trial, "simplified", lambda *_: [])
-    monkeypatch.setattr(trial, "chosen_otherwise", lambda *_: [])
+    seen = []
+    monkeypatch.setattr(trial, "chosen_otherwise", lambda found: seen.extend(found) or [])
     monkeypatch.setattr(trial, "nearest", lambda few, n, places: few[:places])
     refused = {c.insertion.prefix for c in few[:n_refused]}
     judged = []
@@ -251,6 +252,8 @@ def test_the_next_one_takes_the_place_of_one_that_is_refused(bench, plain_fit, f
     assert set(judged) == {c.insertion.prefix for c in few[: trial.NARROW + n_refused]}
     assert len(found) == len(few)
     assert sum(c.fit is None for c in found) == len(few) - trial.NARROW - n_refused
+    assert all(c.fit is not None for c in seen)  # what fell behind may have begun with the wrong choice
+    assert {c.insertion.prefix for c in seen} == {c.insertion.prefix for c in few}
 
 
 @pytest.mark.parametrize(("left", "is_refused"), [(0.09, False), (0.2, True)])

@@ -3,6 +3,7 @@
 import numpy as np
 
 from cartpend_dae.data import Experiment
+from cartpend_dae.discover.evidence import taken_back
 from cartpend_dae.effects import Insertion
 from cartpend_dae.identify import Fit
 
@@ -15,9 +16,9 @@ def contradicted(runs: tuple[Experiment, ...], insertion: Insertion, fit: Fit) -
 
     A law of friction peaks at rest; waves of a sensor's error that are longer than its way and higher than its range
     stand for anything; and of two waves of a law one that ends as the longest that may be is none: a load or a spring
-    beside the other one.
+    beside the other one. Sizes that take each other back are no wave either, but how a far longer one begins.
     """
-    why = insertion.contradiction(fit.values) or _longest_wave(insertion, fit)
+    why = insertion.contradiction(fit.values) or _longest_wave(insertion, fit) or _no_wave(insertion, fit)
     if why or insertion.card.insertion != "sensor" or not _waves(insertion):
         return why
     read = [run.outputs[insertion.place.at].values for run in runs if insertion.place.at in run.outputs]
@@ -53,3 +54,17 @@ def _longest_wave(insertion: Insertion, fit: Fit) -> str:
             name = wave.rpartition(".")[2]
             return f"its `{name}` ends at {end.value:.3g}, its lower bound: a load or a spring rather than a wave"
     return ""
+
+
+def _no_wave(insertion: Insertion, fit: Fit) -> str:
+    """Say which sizes of an effect that repeats along the way take each other back; empty where none do.
+
+    Their own values are then told badly, or not at all.
+    """
+    if not _waves(insertion):
+        return ""
+    open_ones = [e.name for e in fit.parameters if e.name in insertion.size_names and e.status == "unidentifiable"]
+    names, r = taken_back(fit, insertion.size_names, insertion.size_names)
+    these = open_ones if len(open_ones) > 1 else sorted(names) if r else []
+    said = " and ".join(f"`{name.rpartition('.')[2]}`" for name in these)
+    return f"its {said} are told together alone: it repeats nowhere along the way" if these else ""

@@ -1,6 +1,8 @@
 """How much an addition is worth: information criterion, cross-validated cost, block jackknife."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -111,15 +113,24 @@ def cancelled(fit: Fit, one: Insertion, others: tuple[Insertion, ...]) -> str:
     Of two effects whose contributions are opposite and nearly parallel the runs show the difference alone. That is a
     law which neither has: a spring and a clock that runs wrong by 3 % left noise alone of a cubic spring.
     """
-    names, correlation = [e.name for e in fit.parameters], fit.correlation
-    own = [names.index(name) for name in one.parameter_names if name in names]
     for other in others:
-        for j in (names.index(name) for name in other.parameter_names if name in names):
-            for i in own:
-                r = float(correlation[i, j])
-                if abs(r) > ONE and r * fit.parameters[i].value * fit.parameters[j].value > 0:
-                    return f"it takes back `{other.prefix}` (correlation {r:.4f}): the runs show their difference alone"
+        r = taken_back(fit, one.parameter_names, other.parameter_names)[1]
+        if r:
+            return f"it takes back `{other.prefix}` (correlation {r:.4f}): the runs show their difference alone"
     return ""
+
+
+def taken_back(fit: Fit, some: Iterable[str], others: Iterable[str]) -> tuple[tuple[str, str], float]:
+    """Return the first two parameters that take each other back, and their correlation; 0 where none do.
+
+    Their contributions are opposite and nearly parallel.
+    """
+    at, correlation = {e.name: i for i, e in enumerate(fit.parameters)}, fit.correlation
+    for j, i in product((at[n] for n in others if n in at), (at[n] for n in some if n in at)):
+        r = float(correlation[i, j])
+        if i != j and abs(r) > ONE and r * fit.parameters[i].value * fit.parameters[j].value > 0:
+            return (fit.parameters[i].name, fit.parameters[j].name), r
+    return ("", ""), 0.0
 
 
 def lead(one: Fit, other: Fit) -> float:

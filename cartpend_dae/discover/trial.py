@@ -307,8 +307,10 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate], is
         if any(not c.why_not and _is_clean(c) for c in judged):
             break
         places = NARROW + sum(bool(c.why_not) or not is_determined(c) for c in judged)
-    found += [replace(c, fit=None, why_not="others explain more at the next stage") for c in few if c not in last]
-    again = simplified(found, left_by) + chosen_otherwise(found)
+    behind = [c for c in few if c not in last]
+    others = chosen_otherwise([*found, *behind])
+    found += [replace(c, fit=None, why_not="others explain more at the next stage") for c in behind]
+    again = simplified(found, left_by) + others
     found += map(own, each(bench, again, lambda at, candidate: _judge(at, base, rules, candidate), "last fit"))
     return best_of_each(found, left_by)
 
