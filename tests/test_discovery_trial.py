@@ -1,6 +1,7 @@
 """Which laws are fitted at the first stage, and that the search against random forces ends where there are none."""
 
 from dataclasses import replace
+from importlib import import_module
 from itertools import product
 from types import SimpleNamespace
 
@@ -246,7 +247,7 @@ def test_the_next_one_takes_the_place_of_one_that_is_refused(bench, plain_fit, f
         judged.append(candidate.insertion.prefix)
         return replace(candidate, why_not="none" if candidate.insertion.prefix in refused else "")
 
-    monkeypatch.setattr(trial, "_judge", judge)
+    monkeypatch.setattr(trial, "judge_in_noise", judge)
     rules = noise_rules(bench, places(RotaDamp()), 0.0)
     found = trial._judged(bench, Base((), {2.0: plain_fit}, 9e3), rules, few, is_led=False)
     assert set(judged) == {c.insertion.prefix for c in few[: trial.NARROW + n_refused]}
@@ -269,6 +270,28 @@ def test_what_explains_most_needs_no_less_colour(bench, plain_fit, monkeypatch, 
     after = replace(after, parameters=(*after.parameters, *(Estimate(n, 1.0, 0.1, "1", "ok") for n in option.starts)))
     rules = noise_rules(bench, places(RotaDamp()), 0.0)
     begun = Candidate(option, option.starts, 1.0, 0.0, 0.0, before, "")
-    judged = trial._judge(at, Base((), {0.0: before}, 1e7), rules, begun)
+    judged = trial.judge_in_noise(at, Base((), {0.0: before}, 1e7), rules, begun)
     assert bool(judged.why_not) == is_refused
     assert not is_refused or "as alike as they are" in judged.why_not
+
+
+@pytest.mark.parametrize(("gain", "is_confirmed"), [(9000.0, True), (12_000.0, False), (None, True)])
+def test_noise_judges_a_law_from_where_forces_left_it(bench, plain_fit, fitted, monkeypatch, gain, is_confirmed):  # noqa: F811
+    """A Stribeck curve went astray in noise, which took a peak at rest; against forces its fit was right."""
+    search = import_module("cartpend_dae.discover.search")
+    told = fitted("breakaway_friction", 10_000.0, 1e4, tau_c=0.1, tau_s=0.2)
+    astray = fitted("stribeck_friction", 8000.0, 1e5, tau_c=0.1, tau_s=0.2, w_s=0.01, d=0.0)
+    found = [replace(astray, gain=2650.0, why_not=""), replace(told, gain=2450.0)]
+
+    def judged(at, base, rules, candidate):
+        assert candidate is found[0]
+        if gain is None:
+            raise SolverError("its simulation diverges")
+        return replace(candidate, gain=gain)
+
+    monkeypatch.setattr(search, "weighed_trials", lambda *_: found)
+    monkeypatch.setattr(search, "judge_in_noise", judged)
+    log = Log([SimpleNamespace(candidate=told)], {astray.insertion.prefix: astray})
+    base, alone = Base((), {0.0: plain_fit}, 1e6), noise_rules(bench, places(RotaDamp()), 0.0)
+    rules = replace(alone, regime="forces", alone=alone)
+    assert search._is_confirmed(bench, log, (base, base), rules, ((), ())) == is_confirmed

@@ -1,5 +1,6 @@
 """Stage 4: add what the data ask for, one effect after the other, and take back what they no longer need."""
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -35,7 +36,7 @@ from cartpend_dae.discover.shape import (
 )
 from cartpend_dae.discover.shortlist import distinct
 from cartpend_dae.discover.state import Base, Rules, push_left
-from cartpend_dae.discover.trial import lead_needed, try_all, try_in_noise, weighed_trials
+from cartpend_dae.discover.trial import judge_in_noise, lead_needed, try_all, try_in_noise, weighed_trials
 from cartpend_dae.discover.verdict import compared, is_told_freely, pushes_remain, verdict
 from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Card, Place
@@ -149,7 +150,11 @@ def _against_forces(
         rules, start = _forced(bench, noise, without[0])
         # above the sampling rate each sample is corrected by all of its error, and forces explain everything
         is_blind = bool(start.fit.bandwidth[0] > sampling_rate(bench))
-        if found and is_nearly_all(without[1]) and (is_blind or _is_confirmed(bench, log, start, rules, library)):
+        if (
+            found
+            and is_nearly_all(without[1])
+            and (is_blind or _is_confirmed(bench, log, (without[0], start), rules, library))
+        ):
             return old
         seen = None
         if is_blind:
@@ -242,13 +247,14 @@ def _forced(bench: Workbench, noise: Rules, base: Base) -> tuple[Rules, Base]:
     return rules, Base((), {bandwidth: fit}, base.bare, weighed)
 
 
-def _is_confirmed(bench: Workbench, log: Log, start: Base, rules: Rules, library: Library) -> bool:
+def _is_confirmed(bench: Workbench, log: Log, starts: tuple[Base, Base], rules: Rules, library: Library) -> bool:
     """Return whether the first effect explains as much against random forces as the one that would be taken there.
 
     One with fewer parameters that explains as much speaks against it. Which law a contact has is told by noise, unless
-    forces say so clearly, or noise said the same and took the plainer one.
+    forces say so clearly, or noise says the same: where it took the plainer one, or where the fit of the other one went
+    astray and goes further from where forces left it. `starts` are the models without additions in both.
     """
-    told = log.steps[0].candidate
+    told, (alone, start) = log.steps[0].candidate, starts
     ranked = weighed_trials(bench, start, rules, candidates(*library, ()), (told.insertion.prefix,))
     own = next((c for c in ranked if c.insertion.prefix == told.insertion.prefix), None)
     if own is None or not own.gain > 0:
@@ -256,7 +262,11 @@ def _is_confirmed(bench: Workbench, log: Log, start: Base, rules: Rules, library
     best = ranked[0]
     if best is own or best.why_not:
         return True
-    margin = lead_needed(best, told, log.tried.get(best.insertion.prefix))
+    in_noise = log.tried.get(best.insertion.prefix)
+    if rules.alone is not None and is_other_law(best, told):
+        with suppress(SolverError):  # without forces it diverges
+            in_noise = judge_in_noise(bench, alone, rules.alone, best)
+    margin = lead_needed(best, told, in_noise)
     n_best, n_own = (described(c.fit, c.insertion) for c in (best, own))
     return n_best >= n_own and best.gain - own.gain < margin
 

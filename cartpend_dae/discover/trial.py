@@ -311,7 +311,7 @@ def _judged(bench: Workbench, base: Base, rules: Rules, few: list[Candidate], is
     others = chosen_otherwise([*found, *behind])
     found += [replace(c, fit=None, why_not="others explain more at the next stage") for c in behind]
     again = simplified(found, left_by) + others
-    found += map(own, each(bench, again, lambda at, candidate: _judge(at, base, rules, candidate), "last fit"))
+    found += map(own, each(bench, again, lambda at, candidate: judge_in_noise(at, base, rules, candidate), "last fit"))
     return best_of_each(found, left_by)
 
 
@@ -326,7 +326,7 @@ def _last_fits(
         if enough is not None and count > enough.insertion.complexity + 1:
             found += [replace(c, fit=None, why_not=_far_simpler(enough)) for c in these]
             continue
-        found += each(bench, these, lambda at, candidate: _judge(at, base, rules, candidate), "last fit")
+        found += each(bench, these, lambda at, candidate: judge_in_noise(at, base, rules, candidate), "last fit")
     return found
 
 
@@ -363,7 +363,7 @@ def too_little(gain: float) -> str:
     return f"BIC falls by {gain:.1f}, less than {MIN_BIC_GAIN:g}" if gain > 0 else f"BIC rises by {-gain:.1f}"
 
 
-def _judge(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> Candidate:
+def judge_in_noise(bench: Workbench, base: Base, rules: Rules, candidate: Candidate) -> Candidate:
     """Fit a candidate to the end, from its fit or a whole point, and say whether it is worth its parameters."""
     together = (*base.taken, candidate.insertion)
     begin = candidate.fit.point if candidate.fit else candidate.parameters
