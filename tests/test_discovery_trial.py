@@ -295,3 +295,6 @@ def test_noise_judges_a_law_from_where_forces_left_it(bench, plain_fit, fitted, 
     base, alone = Base((), {0.0: plain_fit}, 1e6), noise_rules(bench, places(RotaDamp()), 0.0)
     rules = replace(alone, regime="forces", alone=alone)
     assert search._is_confirmed(bench, log, (base, base), rules, ((), ())) == is_confirmed
+    log.tried = {astray.insertion.prefix: replace(astray, gain=11_000.0)}  # where it went further at once, that holds
+    monkeypatch.setattr(search, "judge_in_noise", lambda *_: pytest.fail("this need not be judged again"))
+    assert not search._is_confirmed(bench, log, (base, base), rules, ((), ()))

@@ -263,7 +263,8 @@ def _is_confirmed(bench: Workbench, log: Log, starts: tuple[Base, Base], rules: 
     if best is own or best.why_not:
         return True
     in_noise = log.tried.get(best.insertion.prefix)
-    if rules.alone is not None and is_other_law(best, told):
+    is_behind = in_noise is None or not in_noise.gain > told.gain
+    if is_behind and rules.alone is not None and is_other_law(best, told):
         with suppress(SolverError):  # without forces it diverges
             in_noise = judge_in_noise(bench, alone, rules.alone, best)
     margin = lead_needed(best, told, in_noise)
