@@ -1,6 +1,7 @@
 """What no effect of the catalogue explains: where it acts, and what a law without a name explains there."""
 
 from dataclasses import replace
+from importlib import import_module
 from types import SimpleNamespace
 
 import casadi as ca
@@ -137,6 +138,22 @@ def test_a_law_without_a_name_explains_it_on_the_test_run_too(found):
     assert left.errors.runs[-1].role == "test"
     # the noise is 1 mrad; the model without friction is 10 times as far off
     assert before > 5e-3 and after < 0.4 * before
+
+
+def test_a_closure_whose_numbers_grow_beyond_all_bounds_leaves_the_others(coulomb_setup, found, monkeypatch):
+    """The whole record of a measured motor ended with a fault: the eigenvalues of one closure did not converge."""
+    module = import_module("cartpend_dae.discover.open_set")
+    trained = found.beyond.open_set.closures[0]
+
+    def train(bench, taken, before, closure, stages, sd):
+        if closure == KINDS[0]:
+            raise np.linalg.LinAlgError("Eigenvalues did not converge")
+        return trained
+
+    monkeypatch.setattr(module, "closure_at", lambda place, kind, reach: kind)
+    monkeypatch.setattr(module, "train", train)
+    left = module.open_set(Workbench(coulomb_setup), found.search)
+    assert left.closures == (trained,) * (len(KINDS) - 1)
 
 
 def test_where_nothing_is_missing_no_place_counts():
