@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 
 from cartpend_dae.directions import blind_directions
+from cartpend_dae.errors import SolverError
 from cartpend_dae.piece_scatter import with_piece_scatter
 from cartpend_dae.problem import Problem
 from cartpend_dae.residual_noise import NoiseModel, meat, noise_model
@@ -69,6 +70,11 @@ def uncertainty(
     residuals, slopes
         Of each run: weighted residuals (n, n_y), NaN where not measured, and their derivatives (n, n_y, n_all).
 
+    Raises
+    ------
+    SolverError
+        The derivatives grew beyond all bounds.
+
     References
     ----------
     H. White, Econometrica 50 (1982), 1-25, doi:10.2307/1912526 (the sandwich).
@@ -122,7 +128,14 @@ def seen_inverse(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the inverse on what the data see, the directions (n, n_null) that they do not see, and who is in them.
 
     A variable is in a direction by what it would do to the residuals, whatever its scale.
+
+    Raises
+    ------
+    SolverError
+        The sensitivities grew beyond all bounds.
     """
+    if not np.all(np.isfinite(gram)):
+        raise SolverError("The fit ended where the sensitivities of the simulation grow beyond all bounds.")
     size = np.sqrt(np.clip(np.diag(gram), 1e-300, None))
     eigenvalues, vectors = np.linalg.eigh(gram / np.outer(size, size))
     good = eigenvalues > BLIND * max(1.0, eigenvalues.max(initial=0.0))

@@ -18,6 +18,7 @@ from cartpend_dae.library import electrical, rotational, translational
 from cartpend_dae.problem import free_parameter, make_problem
 from cartpend_dae.residual_noise import noise_model
 from cartpend_dae.shooting import linearised
+from cartpend_dae.uncertainty import seen_inverse
 from cartpend_dae.unknowns import Prior, tie
 from models.rota_damp import RotaDamp
 
@@ -119,6 +120,12 @@ def test_tied_parameters_follow_and_have_their_own_uncertainty():
     assert fit.tied[0].value == pytest.approx(2 * left.value, rel=1e-12)
     assert fit.tied[0].sd == pytest.approx(2 * left.sd, rel=1e-9)
     assert fit.values_in()["right.c"] == fit.tied[0].value
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+def test_sensitivities_beyond_all_bounds_end_a_fit_with_a_sentence(number):
+    with pytest.raises(SolverError, match="grow beyond all bounds"):
+        seen_inverse(np.array([[1.0, 0.1], [0.1, number]]))
 
 
 @pytest.mark.parametrize(
