@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from test_discovery_choice import bench, fitted, names, noise, plain_fit  # noqa: F401
 
-from cartpend_dae.discover import trial
+from cartpend_dae.discover import held, trial
 from cartpend_dae.discover.bases import noise_alone, noise_rules
+from cartpend_dae.discover.held import held_elsewhere
 from cartpend_dae.discover.log import Log
 from cartpend_dae.discover.nested import FARTHER, PEAKS, PUSHES, WIDTHS, with_cutoffs, with_gaps, with_peaks
 from cartpend_dae.discover.records import Candidate
@@ -174,6 +175,36 @@ def test_starts_that_run_away_leave_the_others(bench, fitted, noise, monkeypatch
     monkeypatch.setattr(trial, "with_peaks", lambda insertion, point: [{level: 0.5}])
     with pytest.raises(SolverError, match=r"diverges from 0\.5"):
         _nearer(bench, base, rules, candidate, np.inf)
+
+
+def test_a_run_that_is_held_one_swing_too_late_is_held_where_it_should(bench, fitted, monkeypatch):  # noqa: F811
+    """By 0.3 % of its peak a fit of break-away friction left a hundred times the noise, and Coulomb friction less."""
+    found = fitted("breakaway_friction", 9.0, 1_451_507.0, tau_c=0.02, tau_s=0.0313)
+    level, peak = found.insertion.parameter_names
+    tried = []
+
+    def fit_from(taken, point, bandwidths, sd, *, iterations=None, **_):
+        if point[peak] > 2.8 * point[level]:
+            raise SolverError("it diverges")
+        tried.append((point[peak] / point[level], iterations))
+        left = 3861.0 if iterations == 0 else 3070.0
+        values = tuple(replace(e, value=point.get(e.name, e.value)) for e in found.fit.parameters)
+        return replace(found.fit, parameters=values, chi2=left if point[peak] > 0.032 else 1e7)
+
+    monkeypatch.setattr(type(bench), "fit", lambda self, *args, **kwargs: fit_from(*args, **kwargs))
+    law, sd = found.insertion, np.ones(1)
+    fit = held_elsewhere(bench, (law,), law, found.fit, sd)
+    assert fit.chi2 == 3070.0
+    last, iterations = tried[-1]
+    assert iterations is None and 1.6 < last < 1.8 and len(tried) > 10  # the first height that holds it
+    # what leaves noise alone, or has no such peak, is not looked at again
+    tried.clear()
+    monkeypatch.setattr(held, "is_clean", lambda fit: True)
+    assert held_elsewhere(bench, (law,), law, found.fit, sd) is found.fit
+    monkeypatch.setattr(held, "is_clean", lambda fit: False)
+    plain = fitted("coulomb_friction", 9.0, 1e4, tau_c=0.03)
+    assert held_elsewhere(bench, (plain.insertion,), plain.insertion, plain.fit, sd) is plain.fit
+    assert not tried
 
 
 def test_where_what_noise_found_stands_its_gains_do_too(fitted):  # noqa: F811

@@ -171,10 +171,12 @@ def is_nothing_in(plain: Candidate, rich: Candidate) -> bool:
     return bool(sizes) and sizes <= known and sizes <= ended_at_zero(rich.fit, rich.insertion)
 
 
-def with_peaks(insertion: Insertion, point: Mapping[str, float]) -> list[dict[str, float]]:
-    """Return a point, and with each height of a peak that is at rest alone."""
+def with_peaks(
+    insertion: Insertion, point: Mapping[str, float], heights: tuple[float, ...] = PEAKS
+) -> list[dict[str, float]]:
+    """Return a point, and with each height of a peak that is at rest alone, over the level below it."""
     peaks = peaks_alone(insertion).items()
-    return [dict(point), *(dict(point) | {high: ratio * point[low]} for high, low in peaks for ratio in PEAKS)]
+    return [dict(point), *(dict(point) | {high: ratio * point[low]} for high, low in peaks for ratio in heights)]
 
 
 def with_gaps(insertion: Insertion, point: Mapping[str, float]) -> list[dict[str, float]]:

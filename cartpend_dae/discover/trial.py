@@ -12,6 +12,7 @@ from cartpend_dae.discover.disturbed import ALIKE, is_composite, judge, margin_o
 from cartpend_dae.discover.evidence import bic, cancelled, coloured_bic, ended_at_zero
 from cartpend_dae.discover.first import first_fit
 from cartpend_dae.discover.gate import is_clean, is_noise_alone
+from cartpend_dae.discover.held import held_elsewhere
 from cartpend_dae.discover.nearest import NARROW, left_by, left_early, nearest
 from cartpend_dae.discover.nested import (
     MUCH,
@@ -368,6 +369,7 @@ def judge_in_noise(bench: Workbench, base: Base, rules: Rules, candidate: Candid
     together = (*base.taken, candidate.insertion)
     begin = candidate.fit.point if candidate.fit else candidate.parameters
     fit = bench.fit(together, begin, (bench.last,), rules.sd, patient=False)
+    fit = held_elsewhere(bench, together, candidate.insertion, fit, rules.sd)
     parameters = {name: fit.values[name] for name in candidate.insertion.parameter_names}
     gain, t = bic(base.fit) - bic(fit), _white_t(fit, candidate.insertion)
     coloured = coloured_bic(base.fit) - coloured_bic(fit)
