@@ -505,6 +505,17 @@ def test_a_law_whose_correction_ends_on_a_bound_comes_after_one_that_explains_as
     assert first(-0.5, "at-bound", gain=3000.0) == "quadratic_drag"  # nothing else is as good
 
 
+@pytest.mark.parametrize("ends", [1.0, 2.0])
+def test_a_law_may_end_on_any_bound_from_which_it_begins(bench, plain_fit, fitted, ends):
+    """A pure delay is the sharpest lag that is tried, k = 2: a clock that starts late had come before it."""
+    base, rules = Base((), {0.0: plain_fit}, plain_fit.chi2), Rules("noise", (0.0,), 0.0, np.array([1e-3]), ())
+    clock = fitted("clock_drift", 10_205.0, 100.0, at="bearing.phi", e=-0.001, t_0=-0.037)
+    delay = fitted("sensor_delay", 10_210.0, 100.0, at="bearing.phi", T_d=0.0385, k=ends)
+    stops = [replace(e, status="at-bound") if e.name.endswith(".k") else e for e in delay.fit.parameters]
+    delay = replace(delay, fit=replace(delay.fit, parameters=tuple(stops)))
+    assert names(ordered_by_bic(bench, [delay, clock], base, rules))[0] == "sensor_delay"
+
+
 def test_what_is_less_than_laws_may_be_wrong_by_is_not_looked_into(bench, plain_fit, fitted):
     n = plain_fit.n_residuals
     bare = 1000.0 * n

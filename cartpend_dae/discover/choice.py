@@ -77,14 +77,16 @@ def _numbers(candidate: Candidate) -> int:
 
 
 def _is_bent(candidate: Candidate) -> bool:
-    """Return whether what corrects a law ends on a bound that is not where it begins: it is hardly that law any more.
+    """Return whether what corrects a law ends on a bound from which it never begins: it is hardly that law any more.
 
     Drag of the power 1.5, the least that there is, explained measured viscous friction better by 2 of BIC.
     """
     assert candidate.fit is not None
-    starts, corrections = candidate.insertion.starts, candidate.insertion.corrections
-    ends = [e for e in candidate.fit.parameters if e.name in corrections and e.status == "at-bound"]
-    return any(not np.isclose(e.value, starts[e.name]) for e in ends)
+    insertion = candidate.insertion
+    kind, items = insertion.place.kind, zip(insertion.parameter_names, insertion.parameters, strict=True)
+    begins = {name: item.starts_at(kind) for name, item in items if item.corrects}
+    ends = [e for e in candidate.fit.parameters if e.name in begins and e.status == "at-bound"]
+    return any(not np.isclose(e.value, begins[e.name]).any() for e in ends)
 
 
 def clearness(candidate: Candidate) -> float:
