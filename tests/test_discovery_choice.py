@@ -710,6 +710,19 @@ def test_what_says_the_same_in_the_rig_comes_before_the_clock_of_the_recorder(be
     assert names(ordered_by_bic(bench, [clock, worse], base, rules)) == ["clock_drift", "added_inertia"]
 
 
+@pytest.mark.parametrize(("k", "first"), [(0.0009, "sensor_gain"), (0.2, "cubic_stiffness")])
+def test_of_laws_that_leave_noise_one_that_needs_no_correction_comes_first(bench, plain_fit, noise, fitted, k, first):
+    """A gain of a sensor that is wrong by 5 % was called a cubic spring, which needed its fifth power (seed 1130)."""
+    base, rules = Base((), {0.0: plain_fit}, plain_fit.chi2), Rules("noise", (0.0,), 0.0, np.array([1e-3]))
+    spring = fitted("cubic_stiffness", 18_481.9, 1.0, c3=-0.013, c5=0.00125)
+    gain = fitted("sensor_gain", 18_480.4, 1.0, at="bearing.phi", e=-0.05, k=k)
+    told = [
+        replace(c, fit=replace(noise, parameters=tuple(replace(e, sd=sd) for e in c.fit.parameters)))
+        for c, sd in ((spring, 1e-4), (gain, 0.05))
+    ]
+    assert names(ordered_by_bic(bench, told, base, rules))[0] == first
+
+
 def test_what_a_clock_leaves_is_no_shape_of_its_law(bench, plain_fit, fitted):
     """A spring with elastic friction had been called the clock, which leaves more than a spring (tuning seed 93)."""
     n = plain_fit.n_residuals

@@ -174,12 +174,26 @@ def _likeliest(bench: Workbench, tied: list[Candidate], base: Base, rules: Rules
 
 
 def _in_the_rig(tied: list[Candidate]) -> Candidate:
-    """Return the best; of those that are as good to the last digits one in the rig, not the recorder's clock."""
-    best = max(tied, key=lambda c: c.gain)
+    """Return the best law; of those that are as good to the last digits one in the rig, not the recorder's clock."""
+    best = max(tied, key=_plain_gain)
     if best.insertion.card.insertion != "clock":
         return best
-    others = [c for c in tied if c is not best and c.gain > best.gain - EQUAL]
-    return max(others, key=lambda c: c.gain, default=best)
+    others = [c for c in tied if c is not best and _plain_gain(c) > _plain_gain(best) - EQUAL]
+    return max(others, key=_plain_gain, default=best)
+
+
+def _plain_gain(candidate: Candidate) -> float:
+    """Return by how much BIC falls with the law alone, without corrections of it that the data do not call for.
+
+    Without one of them chi^2 would be larger by the square of its ratio to its standard deviation.
+    """
+    fit, insertion = candidate.fit, candidate.insertion
+    assert fit is not None
+    kind, items = insertion.place.kind, zip(insertion.parameter_names, insertion.parameters, strict=True)
+    without = {name: item.starts_at(kind)[0] for name, item in items if item.corrects}
+    free = [e for e in fit.parameters if e.name in without and e.status != "at-bound"]
+    squares = [((e.value - without[e.name]) / e.sd) ** 2 if e.sd > 0 else 0.0 for e in free]
+    return candidate.gain + sum(max(0.0, float(np.log(fit.n_residuals)) - square) for square in squares)
 
 
 def _is_shapeless(candidate: Candidate, judged: list[Candidate], base: Base) -> bool:
