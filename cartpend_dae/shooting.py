@@ -196,6 +196,25 @@ def predict(
     return np.asarray(result)[list(layout.outputs)].T
 
 
+def left_by(problem: Problem, point: Mapping[str, float], bandwidth: float, sd: np.ndarray) -> np.ndarray:
+    """Return the weighted residuals (n_y, n) of a problem at parameters and free starts by name, SI; else the guesses.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    point
+        Values by name.
+    bandwidth
+        Of the output injection of all outputs [rad/s].
+    sd
+        Noise used as weight, shape (n_y,).
+    """
+    w = np.full(len(problem.outputs), float(bandwidth))
+    data = stack_data(problem.layout, problem.experiments, 1.0 / sd)
+    return run_through(problem, scaled_values(problem, point), w, data)[0]
+
+
 def scaled_values(problem: Problem, point: Mapping[str, float]) -> np.ndarray:
     """Return the scaled variables (n_all,) of parameters and free starts by name, SI; else the guesses."""
     return np.array([item.scaled(point.get(item.name, item.guess)) for item in problem.variables])

@@ -18,8 +18,7 @@ from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.effects import Insertion, catalogue
 from cartpend_dae.errors import SolverError
 from cartpend_dae.identify import Fit
-from cartpend_dae.shooting import run_through, scaled_values
-from cartpend_dae.transcribe import stack_data
+from cartpend_dae.shooting import left_by
 
 # an effect costs 2 ln(n/0.01) a parameter, n the number of candidates: by chance one in a hundred libraries passes
 CHANCE = 0.01
@@ -332,10 +331,7 @@ def _selection(
 ) -> float:
     """Return the squares of the errors of prediction on the runs kept for selection."""
     problem = bench.build(insertions, bench.setup.select)
-    data = stack_data(problem.layout, problem.experiments, 1.0 / sd)
-    w = np.full(len(problem.outputs), bandwidth)
-    known = {name: value for name, value in fit.values.items()}
-    return float(np.sum(run_through(problem, scaled_values(problem, known), w, data)[0] ** 2))
+    return float(np.sum(left_by(problem, fit.values, bandwidth, sd) ** 2))
 
 
 def margin_of(best: Candidate, other: Candidate) -> float:

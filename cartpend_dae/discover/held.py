@@ -8,6 +8,7 @@ from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError
 from cartpend_dae.identify import Fit
+from cartpend_dae.shooting import left_by
 
 # heights of a peak over the level below it, so close together that what a run is held by lies between two of them
 HEIGHTS = tuple(np.geomspace(1.05, 3.0, 16).tolist())
@@ -32,18 +33,17 @@ def held_elsewhere(bench: Workbench, together: tuple[Insertion, ...], law: Inser
     sd
         Noise of each output, shape (n_y,).
     """
-    if is_clean(fit):
+    points = [] if is_clean(fit) else with_peaks(law, fit.point, HEIGHTS)[1:]
+    if not points:
         return fit
-    best, bandwidths = fit, (bench.last,)
-    for point in with_peaks(law, fit.point, HEIGHTS)[1:]:
-        try:
-            there = bench.fit(together, point, bandwidths, sd, patient=False, iterations=0)
-        except SolverError:  # it diverges there
-            continue
-        best = min(best, there, key=lambda one: one.chi2)
-    if best is fit:
+    problem = bench.deciding(together, bench.last)
+    with np.errstate(over="ignore", invalid="ignore"):  # where it diverges
+        left = [float(np.sum(left_by(problem, point, bench.last, sd) ** 2)) for point in points]
+    least = int(np.argmin(np.nan_to_num(left, nan=np.inf)))
+    if not left[least] < fit.chi2:
         return fit
     try:
-        return min(best, bench.fit(together, best.point, bandwidths, sd, patient=False), key=lambda one: one.chi2)
+        again = bench.fit(together, points[least], (bench.last,), sd, patient=False)
     except SolverError:
         return fit
+    return min(fit, again, key=lambda one: one.chi2)

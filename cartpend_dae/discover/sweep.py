@@ -38,7 +38,7 @@ from cartpend_dae.discover.workbench import COARSE, ROUGH, Workbench, assembled,
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError
 from cartpend_dae.problem import Problem
-from cartpend_dae.shooting import run_through, scaled_values, sensitivities, start_slopes
+from cartpend_dae.shooting import left_by, run_through, scaled_values, sensitivities, start_slopes
 from cartpend_dae.system import System
 from cartpend_dae.transcribe import shown_state, stack_data
 
@@ -141,7 +141,7 @@ def sweep(
     if trail is not None and places is None:  # an effect makes other states of them
         return sweep(bench, taken, options, point, bandwidth, sd, with_shapes=with_shapes, is_fine=is_fine)
     inside = _inside(system, options, bench.problem(taken).system.states)
-    alone = _left_by(bench.problem(taken), point, bandwidth, sd) if trail is None else None
+    alone = left_by(bench.problem(taken), point, bandwidth, sd) if trail is None else None
     for step, stride in strides(bench.setup, is_fine):
         problem = replace(bench.problem_of(system, (*taken, *loads), whole), step=step, stride=stride)
         run = run_along(problem, point, bandwidth, sd, trail, places)
@@ -230,13 +230,6 @@ def _sliding(system: System, mine: list[int], *, is_felt: bool = True) -> System
         invariants=invariants,
         frictions=kept,
     )
-
-
-def _left_by(problem: Problem, point: Mapping[str, float], bandwidth: float, sd: np.ndarray) -> np.ndarray:
-    """Return the weighted residuals (n_y, n) of a problem."""
-    w = np.full(len(problem.outputs), float(bandwidth))
-    data = stack_data(problem.layout, problem.experiments, 1.0 / sd)
-    return run_through(problem, scaled_values(problem, point), w, data)[0]
 
 
 def alone_with(bench: Workbench, taken: tuple[Insertion, ...], option: Insertion) -> Problem:

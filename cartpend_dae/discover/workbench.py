@@ -229,6 +229,10 @@ class Workbench:
         assert fit is not None
         return fit
 
+    def deciding(self, insertions: tuple[Insertion, ...], bandwidth: float) -> Problem:
+        """Return the problem on the steps on which it is fitted at a bandwidth, fine ones where that decides."""
+        return self.problem(insertions, self._usual_steps(insertions, bandwidth))
+
     def _usual_steps(self, insertions: tuple[Insertion, ...], bandwidth: float) -> Stride:
         if bandwidth not in (0.0, self.last):
             return self.weighing
@@ -275,7 +279,7 @@ class Workbench:
     def solved(self, insertions: tuple[Insertion, ...], fit: Fit, sd: np.ndarray) -> Linearisation:
         """Return the normal equations at a solution of a problem made before, on the steps that it was fitted on."""
         bandwidth = float(fit.bandwidth[0])
-        return linearised(self.problem(insertions, self._usual_steps(insertions, bandwidth)), fit.point, bandwidth, sd)
+        return linearised(self.deciding(insertions, bandwidth), fit.point, bandwidth, sd)
 
     @property
     def last(self) -> float:
