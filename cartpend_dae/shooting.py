@@ -196,7 +196,7 @@ def predict(
     return np.asarray(result)[list(layout.outputs)].T
 
 
-def left_by(problem: Problem, point: Mapping[str, float], bandwidth: float, sd: np.ndarray) -> np.ndarray:
+def weighted_residuals(problem: Problem, point: Mapping[str, float], bandwidth: float, sd: np.ndarray) -> np.ndarray:
     """Return the weighted residuals (n_y, n) of a problem at parameters and free starts by name, SI; else the guesses.
 
     Parameters

@@ -183,7 +183,7 @@ def test_a_run_that_is_held_one_swing_too_late_is_held_where_it_should(bench, fi
     level, peak = found.insertion.parameter_names
     looked, begun = [], []
 
-    def left_by(problem, point, bandwidth, sd):
+    def weighted_residuals(problem, point, bandwidth, sd):
         looked.append(point[peak] / point[level])
         square = np.nan if looked[-1] > 2.8 else 3861.0 if point[peak] > 0.032 else 1e7
         return np.array([[square**0.5]])
@@ -192,7 +192,7 @@ def test_a_run_that_is_held_one_swing_too_late_is_held_where_it_should(bench, fi
         begun.append(point[peak] / point[level])
         return replace(found.fit, chi2=3070.0)
 
-    monkeypatch.setattr(held, "left_by", left_by)
+    monkeypatch.setattr(held, "weighted_residuals", weighted_residuals)
     monkeypatch.setattr(type(bench), "fit", fit_from)
     law, sd = found.insertion, np.ones(1)
     assert held_elsewhere(bench, (law,), law, found.fit, sd).chi2 == 3070.0
@@ -206,6 +206,16 @@ def test_a_run_that_is_held_one_swing_too_late_is_held_where_it_should(bench, fi
     plain = fitted("coulomb_friction", 9.0, 1e4, tau_c=0.03)
     assert held_elsewhere(bench, (plain.insertion,), plain.insertion, plain.fit, sd) is plain.fit
     assert not looked and len(begun) == 1
+
+
+def test_a_law_is_judged_by_the_fit_that_is_held_where_it_should(bench, plain_fit, fitted, monkeypatch):  # noqa: F811
+    """The height of a peak is looked for on the steps that decide, at the end of all fits."""
+    told = fitted("breakaway_friction", 9.0, 1e6, tau_c=0.02, tau_s=0.03)
+    better = replace(told.fit, chi2=3000.0)
+    at = SimpleNamespace(fit=lambda *_, **__: told.fit, last=0.0, setup=bench.setup)
+    monkeypatch.setattr(trial, "held_elsewhere", lambda *_: better)
+    rules = noise_rules(bench, places(RotaDamp()), 0.0)
+    assert trial.judge_in_noise(at, Base((), {0.0: plain_fit}, 1e7), rules, told).fit is better
 
 
 def test_where_what_noise_found_stands_its_gains_do_too(fitted):  # noqa: F811

@@ -82,9 +82,7 @@ def _is_bent(candidate: Candidate) -> bool:
     Drag of the power 1.5, the least that there is, explained measured viscous friction better by 2 of BIC.
     """
     assert candidate.fit is not None
-    insertion = candidate.insertion
-    kind, items = insertion.place.kind, zip(insertion.parameter_names, insertion.parameters, strict=True)
-    begins = {name: item.starts_at(kind) for name, item in items if item.corrects}
+    begins = candidate.insertion.correction_starts
     ends = [e for e in candidate.fit.parameters if e.name in begins and e.status == "at-bound"]
     return any(not np.isclose(e.value, begins[e.name]).any() for e in ends)
 
@@ -187,10 +185,9 @@ def _plain_gain(candidate: Candidate) -> float:
 
     Without one of them chi^2 would be larger by the square of its ratio to its standard deviation.
     """
-    fit, insertion = candidate.fit, candidate.insertion
+    fit = candidate.fit
     assert fit is not None
-    kind, items = insertion.place.kind, zip(insertion.parameter_names, insertion.parameters, strict=True)
-    without = {name: item.starts_at(kind)[0] for name, item in items if item.corrects}
+    without = {name: starts[0] for name, starts in candidate.insertion.correction_starts.items()}
     free = [e for e in fit.parameters if e.name in without and e.status != "at-bound"]
     squares = [((e.value - without[e.name]) / e.sd) ** 2 if e.sd > 0 else 0.0 for e in free]
     return candidate.gain + sum(max(0.0, float(np.log(fit.n_residuals)) - square) for square in squares)

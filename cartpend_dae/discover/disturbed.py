@@ -18,7 +18,7 @@ from cartpend_dae.discover.workbench import ROUGH, Workbench
 from cartpend_dae.effects import Insertion, catalogue
 from cartpend_dae.errors import SolverError
 from cartpend_dae.identify import Fit
-from cartpend_dae.shooting import left_by
+from cartpend_dae.shooting import weighted_residuals
 
 # an effect costs 2 ln(n/0.01) a parameter, n the number of candidates: by chance one in a hundred libraries passes
 CHANCE = 0.01
@@ -331,7 +331,7 @@ def _selection(
 ) -> float:
     """Return the squares of the errors of prediction on the runs kept for selection."""
     problem = bench.build(insertions, bench.setup.select)
-    return float(np.sum(left_by(problem, fit.values, bandwidth, sd) ** 2))
+    return float(np.sum(weighted_residuals(problem, fit.values, bandwidth, sd) ** 2))
 
 
 def margin_of(best: Candidate, other: Candidate) -> float:

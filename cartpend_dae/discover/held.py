@@ -8,7 +8,7 @@ from cartpend_dae.discover.workbench import Workbench
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError
 from cartpend_dae.identify import Fit
-from cartpend_dae.shooting import left_by
+from cartpend_dae.shooting import weighted_residuals
 
 # heights of a peak over the level below it, so close together that what a run is held by lies between two of them
 HEIGHTS = tuple(np.geomspace(1.05, 3.0, 16).tolist())
@@ -38,7 +38,7 @@ def held_elsewhere(bench: Workbench, together: tuple[Insertion, ...], law: Inser
         return fit
     problem = bench.deciding(together, bench.last)
     with np.errstate(over="ignore", invalid="ignore"):  # where it diverges
-        left = [float(np.sum(left_by(problem, point, bench.last, sd) ** 2)) for point in points]
+        left = [float(np.sum(weighted_residuals(problem, point, bench.last, sd) ** 2)) for point in points]
     least = int(np.argmin(np.nan_to_num(left, nan=np.inf)))
     if not left[least] < fit.chi2:
         return fit

@@ -38,7 +38,7 @@ from cartpend_dae.discover.workbench import COARSE, ROUGH, Workbench, assembled,
 from cartpend_dae.effects import Insertion
 from cartpend_dae.errors import SolverError
 from cartpend_dae.problem import Problem
-from cartpend_dae.shooting import left_by, run_through, scaled_values, sensitivities, start_slopes
+from cartpend_dae.shooting import run_through, scaled_values, sensitivities, start_slopes, weighted_residuals
 from cartpend_dae.system import System
 from cartpend_dae.transcribe import shown_state, stack_data
 
@@ -141,7 +141,7 @@ def sweep(
     if trail is not None and places is None:  # an effect makes other states of them
         return sweep(bench, taken, options, point, bandwidth, sd, with_shapes=with_shapes, is_fine=is_fine)
     inside = _inside(system, options, bench.problem(taken).system.states)
-    alone = left_by(bench.problem(taken), point, bandwidth, sd) if trail is None else None
+    alone = weighted_residuals(bench.problem(taken), point, bandwidth, sd) if trail is None else None
     for step, stride in strides(bench.setup, is_fine):
         problem = replace(bench.problem_of(system, (*taken, *loads), whole), step=step, stride=stride)
         run = run_along(problem, point, bandwidth, sd, trail, places)

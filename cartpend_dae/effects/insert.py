@@ -71,8 +71,13 @@ class Insertion:
     @property
     def corrections(self) -> tuple[str, ...]:
         """Dotted names of the parameters without which the law is what it is called."""
+        return tuple(self.correction_starts)
+
+    @property
+    def correction_starts(self) -> dict[str, tuple[float, ...]]:
+        """What corrects the law, by dotted name, and where it begins; at the first of these nothing is corrected."""
         pairs = zip(self.parameter_names, self.parameters, strict=True)
-        return tuple(name for name, item in pairs if item.corrects)
+        return {name: item.starts_at(self.place.kind) for name, item in pairs if item.corrects}
 
     @property
     def complexity(self) -> int:
