@@ -10,15 +10,19 @@ from scipy import signal as filters
 from cartpend_dae.cuts import shorter
 from cartpend_dae.dae import parameter_vector
 from cartpend_dae.data import Experiment, noise_sd
-from cartpend_dae.errors import ModelError
+from cartpend_dae.errors import ModelError, SolverError
 from cartpend_dae.identify import Fit, estimate
-from cartpend_dae.problem import dominant_frequency, make_problem
+from cartpend_dae.problem import Problem, dominant_frequency, make_problem
 from cartpend_dae.shooting import predict
 from cartpend_dae.study_schema import ScoreSpec
 from cartpend_dae.system import System
 from cartpend_dae.transcribe import injection_targets, interval_inputs
 
 START_SAMPLES = 20
+# a simulation that errs by more than so many standard deviations of what was measured has diverged
+LOST = 100.0
+# so often at most the steps of one are halved, until that changes it by less than this share of the standard deviation
+HALVINGS, SETTLED = 6, 0.03
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,16 +118,7 @@ def _run_error(
 ) -> RunError:
     if experiment.score != "free":
         experiment = replace(experiment, piece=None)
-    problem = make_problem(system, (), (experiment,), step=step)
-    start = estimate(problem, patient=False).point if experiment.piece else _fitted_start(system, experiment, step)
-    observer = bandwidth or 5 * dominant_frequency((experiment,))
-    if experiment.score == "free":
-        prediction = predict(problem, start, 0.0)
-    elif experiment.score == "innovation":
-        prediction = predict(problem, start, observer)
-    else:
-        prediction = _over_horizons(system, experiment, start, observer, step)
-    truth = np.column_stack([experiment.outputs[name].values for name in problem.outputs])
+    problem, truth, prediction = _predicted(system, experiment, bandwidth, step)
     outputs = {}
     for column, name in enumerate(problem.outputs):
         error = truth[:, column] - prediction[:, column]
@@ -136,6 +131,52 @@ def _run_error(
             system.unit_of(name),
         )
     return RunError(experiment.name, experiment.role, experiment.score, outputs, experiment.time, truth, prediction)
+
+
+def _predicted(
+    system: System, experiment: Experiment, bandwidth: float, step: float | None
+) -> tuple[Problem, np.ndarray, np.ndarray]:
+    """Return a problem with one run, what it measured (n, n_outputs) and its prediction, on finer steps if need be.
+
+    A model whose fastest motion was met nowhere near the start, as a stiff contact is, may diverge on steps of fixed
+    length: of the method, not of the model. Its steps are halved until it does not, and halving them once more changes
+    no more than a share of what is measured.
+    """
+    before, left = None, HALVINGS
+    while True:
+        problem = make_problem(system, (), (experiment,), step=step)
+        truth = np.column_stack([experiment.outputs[name].values for name in problem.outputs])
+        try:
+            prediction = _prediction(problem, experiment, bandwidth, step)
+        except SolverError:
+            if not left:
+                raise
+            prediction = np.full_like(truth, np.inf)
+        is_lost = _is_far(truth, prediction, LOST * np.nanstd(truth, axis=0))
+        is_settled = before is None or not _is_far(before, prediction, SETTLED * np.nanstd(truth, axis=0))
+        if not left or (is_settled and not is_lost):
+            return problem, truth, prediction
+        before, left = prediction, left - 1
+        step = float(np.median(np.diff(experiment.time))) / problem.layout.substeps / 2
+
+
+def _is_far(one: np.ndarray, other: np.ndarray, most: np.ndarray) -> bool:
+    """Return whether two courses (n, n_outputs) differ by more than `most` (n_outputs,) anywhere, or one diverges."""
+    if not (np.all(np.isfinite(other)) and not np.any(np.isinf(one))):
+        return True
+    return bool(np.any(np.abs(one - other) > most))
+
+
+def _prediction(problem: Problem, experiment: Experiment, bandwidth: float, step: float | None) -> np.ndarray:
+    """Predict a run as it is scored, shape (n, n_outputs)."""
+    system = problem.system
+    start = estimate(problem, patient=False).point if experiment.piece else _fitted_start(system, experiment, step)
+    observer = bandwidth or 5 * dominant_frequency((experiment,))
+    if experiment.score == "free":
+        return predict(problem, start, 0.0)
+    if experiment.score == "innovation":
+        return predict(problem, start, observer)
+    return _over_horizons(system, experiment, start, observer, step)
 
 
 def _fitted_start(system: System, experiment: Experiment, step: float | None) -> dict[str, float]:

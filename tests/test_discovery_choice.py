@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from test_discover_pendulum import clean_run, noisy_setup
 
-from cartpend_dae.discover import bases, nested, revise, shortlist, stages
+from cartpend_dae.discover import bases, choice, nested, revise, shortlist, stages
 from cartpend_dae.discover import trial as trials
 from cartpend_dae.discover.choice import (
     FORCED,
@@ -721,6 +721,35 @@ def test_of_laws_that_leave_noise_one_that_needs_no_correction_comes_first(bench
         for c, sd in ((spring, 1e-4), (gain, 0.05))
     ]
     assert names(ordered_by_bic(bench, told, base, rules))[0] == first
+
+
+@pytest.mark.parametrize(("k", "first"), [(0.1, "linear_stiffness"), (0.85, "imbalance")])
+def test_against_forces_a_spring_comes_first_only_while_it_is_linear(monkeypatch, bench, plain_fit, fitted, k, first):
+    """A sine along the way had been called a spring with a cubic part of 2.04 standard deviations (seed 1130)."""
+    base, rules = Base((), {0.0: plain_fit}, plain_fit.chi2), Rules("disturbances", (0.0,), 0.0, np.array([1e-3]))
+    spring = fitted("linear_stiffness", 10_630.0, 171.8, c=0.0355, tau_0=0.01525, k=k)
+    *others, bent = spring.fit.parameters
+    spring = replace(spring, fit=replace(spring.fit, parameters=(*others, replace(bent, sd=0.42))))
+    wave = fitted("imbalance", 10_635.7, 169.8, tau_sin=0.0287, tau_cos=-0.0141)
+    criteria = {"bearing.linear_stiffness": 1258.8, "bearing.imbalance": 1257.3}
+
+    def weighed(bench, taken, *_):
+        return None, SimpleNamespace(criterion=criteria[taken[-1].prefix])
+
+    monkeypatch.setattr(choice, "residuals", lambda fit: SimpleNamespace(is_passed=True, largest=99.0))
+    monkeypatch.setattr(choice, "fitted", weighed)
+    assert names(ordered_by_bic(bench, [spring, wave], base, rules))[0] == first
+
+
+@pytest.mark.parametrize(("sd", "first"), [(0.01, "cubic_stiffness"), (0.0025, "sensor_gain")])
+def test_against_forces_what_a_correction_gains_by_chance_tells_no_law(fitted, sd, first):
+    """Both have one number apart from a correction; the spring's gains 0.8 by chance, or what a parameter costs."""
+    spring = fitted("cubic_stiffness", 229.3, 1.0, c3=-0.073, c5=0.009)
+    spring = replace(
+        spring, fit=replace(spring.fit, parameters=tuple(replace(e, sd=sd) for e in spring.fit.parameters))
+    )
+    gain = fitted("sensor_gain", 225.5, 1.0, at="bearing.phi", e=-0.2, k=0.0)
+    assert names(ordered([spring, gain], lambda candidate, first: "explains more"))[0] == first
 
 
 def test_what_a_clock_leaves_is_no_shape_of_its_law(bench, plain_fit, fitted):

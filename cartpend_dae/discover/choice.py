@@ -7,7 +7,7 @@ import numpy as np
 from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.disturbed import ALIKE as ALIKE_WEIGHED
 from cartpend_dae.discover.disturbed import fitted, is_composite
-from cartpend_dae.discover.evidence import described, peaks_alone
+from cartpend_dae.discover.evidence import described, peaks_alone, price_of_corrections
 from cartpend_dae.discover.gate import is_clean, most_of_noise, residuals
 from cartpend_dae.discover.records import Candidate, Gate, Step
 from cartpend_dae.discover.state import Base, Rules
@@ -24,6 +24,8 @@ EQUAL = 0.1
 NEAR, FAR_BEHIND = 3.0, 100.0
 # what a law that is linear in the motion depends on
 LINEAR = {"1", "x", "v", "a"}
+# a correction that gains more of -2 ln likelihood comes about by chance once in twenty times
+CALLED_FOR = 3.84
 # laws are right to some percent, and so much of what they explain may be left by their shape: where none leaves noise
 # alone, those that differ by less than this share of the squares are alike; and what is left then shows no other
 # effect, unless it leaves noise alone
@@ -167,8 +169,15 @@ def _likeliest(bench: Workbench, tied: list[Candidate], base: Base, rules: Rules
 
     values = [criterion(candidate) for candidate in tied]
     near = [c for c, value in zip(tied, values, strict=True) if value < min(values) + ALIKE_WEIGHED]
-    linear = [c for c in near or tied if set(c.insertion.card.regressors) <= LINEAR]
+    linear = [c for c in near or tied if _is_linear(c)]
     return linear[0] if linear else tied[int(np.argmin(values))]
+
+
+def _is_linear(candidate: Candidate) -> bool:
+    """Return whether a law is linear in the motion, and the data call for no correction that makes it another one."""
+    assert candidate.fit is not None
+    price, _ = price_of_corrections(candidate.fit, candidate.insertion)
+    return set(candidate.insertion.card.regressors) <= LINEAR and price < CALLED_FOR
 
 
 def _in_the_rig(tied: list[Candidate]) -> Candidate:
@@ -181,16 +190,10 @@ def _in_the_rig(tied: list[Candidate]) -> Candidate:
 
 
 def _plain_gain(candidate: Candidate) -> float:
-    """Return by how much BIC falls with the law alone, without corrections of it that the data do not call for.
-
-    Without one of them chi^2 would be larger by the square of its ratio to its standard deviation.
-    """
-    fit = candidate.fit
-    assert fit is not None
-    without = {name: starts[0] for name, starts in candidate.insertion.correction_starts.items()}
-    free = [e for e in fit.parameters if e.name in without and e.status != "at-bound"]
-    squares = [((e.value - without[e.name]) / e.sd) ** 2 if e.sd > 0 else 0.0 for e in free]
-    return candidate.gain + sum(max(0.0, float(np.log(fit.n_residuals)) - square) for square in squares)
+    """Return by how much BIC falls with the law alone, without corrections of it that the data do not call for."""
+    assert candidate.fit is not None
+    price, n_free = price_of_corrections(candidate.fit, candidate.insertion)
+    return candidate.gain + n_free * float(np.log(candidate.fit.n_residuals)) - price
 
 
 def _is_shapeless(candidate: Candidate, judged: list[Candidate], base: Base) -> bool:

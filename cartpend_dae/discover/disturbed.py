@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 
 from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.contradicted import contradicted
-from cartpend_dae.discover.evidence import described
+from cartpend_dae.discover.evidence import described, price_of_corrections
 from cartpend_dae.discover.iterated import refined
 from cartpend_dae.discover.records import Candidate
 from cartpend_dae.discover.slopes import basis_of
@@ -362,5 +362,11 @@ def ordered(judged: list[Candidate], second: Callable[[Candidate, Candidate], st
         return found
     alike = [c for c in good if good[0].gain - c.gain < margin_of(good[0], c)]
     alike = [c for c in alike if not is_composite(c.insertion)] or alike
-    first = min(alike, key=lambda c: (described(c.fit, c.insertion), -c.gain))
+    first = min(alike, key=lambda c: (described(c.fit, c.insertion), -_plain_gain(c)))
     return [first, *(replace(c, why_not=c.why_not or second(c, first)) for c in found if c is not first)]
+
+
+def _plain_gain(candidate: Candidate) -> float:
+    """Return by how much -2 ln likelihood falls with the law alone, without what its corrections may gain by chance."""
+    assert candidate.fit is not None
+    return candidate.gain - price_of_corrections(candidate.fit, candidate.insertion)[0]
