@@ -42,7 +42,7 @@ def test_the_lead_does_not_depend_on_units_nor_on_values_that_are_missing():
 
 @pytest.mark.parametrize(("z", "share"), [(3.0, choice.ALIKE_SHARE), (2.0, choice.ALIKE_WHITE)])
 def test_percent_of_chi2_are_percent_of_the_residuals_in_bic_however_large_chi2_is(monkeypatch, z, share):
-    """BIC has n ln chi2: a model that leaves 5 % less gains 5 % of n, also where chi2 is a thousand times n."""
+    """BIC has n ln chi2: a model that leaves some percent less gains as many of n, also where chi2 is 1000 times n."""
     monkeypatch.setattr(gate, "residuals", lambda fit: SimpleNamespace(largest=z))
     found = [
         choice._margin(candidate, candidate)

@@ -16,7 +16,7 @@ from cartpend_dae.effects import catalogue
 from cartpend_dae.errors import SolverError
 
 # models whose criterion differs by less than this, or this share of chi2, explain the data alike: the smaller is taken
-ALIKE, ALIKE_SHARE, ALIKE_WHITE = 10.0, 0.01, 0.05
+ALIKE, ALIKE_SHARE, ALIKE_WHITE = 10.0, 0.01, 0.02
 # responses with a larger cosine move the data alike
 PARALLEL, SAME = 0.95, 0.999
 # differences of BIC: what is one model in other words, what explains as much, and what explains clearly less
