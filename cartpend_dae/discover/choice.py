@@ -24,8 +24,6 @@ EQUAL = 0.1
 NEAR, FAR_BEHIND = 3.0, 100.0
 # what a law that is linear in the motion depends on
 LINEAR = {"1", "x", "v", "a"}
-# a correction that gains more of -2 ln likelihood comes about by chance once in twenty times
-CALLED_FOR = 3.84
 # laws are right to some percent, and so much of what they explain may be left by their shape: where none leaves noise
 # alone, those that differ by less than this share of the squares are alike; and what is left then shows no other
 # effect, unless it leaves noise alone
@@ -174,10 +172,10 @@ def _likeliest(bench: Workbench, tied: list[Candidate], base: Base, rules: Rules
 
 
 def _is_linear(candidate: Candidate) -> bool:
-    """Return whether a law is linear in the motion, and the data call for no correction that makes it another one."""
+    """Return whether a law is linear in the motion, and fitted without a correction that makes it another one."""
     assert candidate.fit is not None
-    price, _ = price_of_corrections(candidate.fit, candidate.insertion)
-    return set(candidate.insertion.card.regressors) <= LINEAR and price < CALLED_FOR
+    _, n_free = price_of_corrections(candidate.fit, candidate.insertion)
+    return set(candidate.insertion.card.regressors) <= LINEAR and not n_free
 
 
 def _in_the_rig(tied: list[Candidate]) -> Candidate:
