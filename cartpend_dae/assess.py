@@ -152,8 +152,10 @@ def _predicted(
             if not left:
                 raise
             prediction = np.full_like(truth, np.inf)
-        is_lost = _is_far(truth, prediction, LOST * np.nanstd(truth, axis=0))
-        is_settled = before is None or not _is_far(before, prediction, SETTLED * np.nanstd(truth, axis=0))
+        spread = np.nanstd(truth, axis=0)
+        spread[spread == 0] = np.inf  # of what stays as it is only that it does not diverge is asked
+        is_lost = _is_far(truth, prediction, LOST * spread)
+        is_settled = before is None or not _is_far(before, prediction, SETTLED * spread)
         if not left or (is_settled and not is_lost):
             return problem, truth, prediction
         before, left = prediction, left - 1

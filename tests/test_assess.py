@@ -9,6 +9,7 @@ from cartpend_dae.cuts import shorter
 from cartpend_dae.data import Start
 from cartpend_dae.identify import estimate
 from cartpend_dae.problem import free_parameter, make_problem
+from cartpend_dae.shooting import predict
 
 
 class Wall(Component):
@@ -45,3 +46,20 @@ def test_a_run_into_a_stiff_wall_is_simulated_on_steps_that_can_follow_it(monkey
     assert found.nrmse < 1e-3
     monkeypatch.setattr("cartpend_dae.assess.HALVINGS", 0)
     assert not assessed().rmse < 1e3
+
+
+def test_a_run_at_rest_is_simulated_once(monkeypatch):
+    """What does not move has no spread that an error could be compared with."""
+    run = simulate(Wall(), 1.0, points=101, parameters={"a": 0.0})
+    experiment = experiment_of(run, {"x": "m"}, {"x": Start(0.0, False), "v": Start(0.0, False)})
+    system = assemble(Wall())
+    fit = estimate(make_problem(system, (free_parameter(system, "T"),), (experiment,)))
+    calls = []
+
+    def counted(problem, *rest, **named):
+        calls.append(problem)
+        return predict(problem, *rest, **named)
+
+    monkeypatch.setattr("cartpend_dae.assess.predict", counted)
+    found = assess(system, fit, (experiment,)).runs[0].outputs["x"]
+    assert len(calls) == 1 and found.rmse > 1e-3

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from blind.scorer import Score
-from blind.targets import NEWEST_NONE, newest, target_table
+from blind.targets import NEWEST_NONE, newest, removed, target_table
 
 RIGHT = Score(True, True, 0, 1, 0.997, "explained", False, False)
 WRONG = Score(False, False, 2, 2, 0.5, "explained", False, True)
@@ -46,3 +46,7 @@ def test_the_newest_sets_of_a_cell_are_those_of_the_newest_package_then_of_later
     found = newest([*new, *old, *elsewhere, *none])
     assert found[:3] == [new[0], old[2], elsewhere[0]]
     assert found[3:] == none[:4:-1]
+
+
+def test_of_a_simulation_that_diverged_the_size_alone_is_written():
+    assert [removed(part) for part in (0.9987, -0.571, -1.034e149)] == ["0.999", "-0.571", "-1e+149"]

@@ -24,7 +24,7 @@ from blind.keys import REGIMES
 from blind.rigs import RIGS
 from blind.same_data import simpler_laws
 from blind.scorer import Score, score
-from blind.targets import share, target_table
+from blind.targets import removed, share, target_table
 
 Record = dict[str, Any]
 TITLE, EARLIER = "## Blind data sets", "## What is kept"
@@ -54,7 +54,7 @@ def row(label: str, kind: str, found: list[tuple[Record, Score]]) -> str:
         right = f"{share(sum(s.is_exact for s in scores), n)} exact"
     wrong = sum(s.n_wrong for s in scores) / max(n, 1)
     gains = [s.recovered for s in scores if s.is_exact and s.recovered is not None]
-    error = f"{median(gains):.3f} / {min(gains):.3f} ({len(gains)})" if gains else "–"
+    error = f"{removed(median(gains))} / {removed(min(gains))} ({len(gains)})" if gains else "–"
     verdicts = ", ".join(f"{name} {count}" for name, count in Counter(s.verdict for s in scores).most_common())
     return f"| {label} | {right} | {wrong:.2f} | {error} | {verdicts} |"
 
@@ -106,7 +106,7 @@ def misses(found: list[tuple[Record, Score]]) -> list[str]:
         truth, steps = record["truth"], record["result"]["steps"]
         names = ", ".join(f"`{step['effect']}` at `{step['at']}`" for step in steps) or "nothing"
         shapes = ", ".join(h["shape"] for h in truth["effects"])
-        error = "–" if of.recovered is None else f"{of.recovered:.3f}"
+        error = "–" if of.recovered is None else removed(of.recovered)
         note = "a simpler case of the hidden law, which explains no more" if is_simpler(record) else ""
         lines.append(f"| {name_of(truth)} | {shapes} | {names} | {of.verdict} | {error} | {note} |")
     return lines if wrong else []

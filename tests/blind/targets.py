@@ -93,7 +93,7 @@ def measured(target: Target, found: Found) -> str:
     if target.what.startswith("error removed"):
         gains = [s.recovered for s in scores if s.is_exact and s.recovered is not None]
         least_or_median = median if target.what.endswith("median") else min
-        return f"{least_or_median(gains):.3f} ({len(gains)} sets)" if gains else ""
+        return f"{removed(least_or_median(gains))} ({len(gains)} sets)" if gains else ""
     if not scores:
         return ""
     if target.what.startswith("wrong parts"):
@@ -109,6 +109,11 @@ def hits(target: Target, score: Score) -> bool:
         "exact": score.is_exact,
         "flagged": score.is_flagged,
     }.get(target.what, score.is_false_claim)
+
+
+def removed(part: float) -> str:
+    """Write the part of an error that was removed; of a simulation that diverged its size alone is of interest."""
+    return f"{part:.3f}" if abs(part) < 1000 else f"{part:.0e}"
 
 
 def share(n_hits: int, n: int) -> str:
