@@ -340,3 +340,22 @@ def test_noise_judges_a_law_from_where_forces_left_it(bench, plain_fit, fitted, 
     log.tried = {astray.insertion.prefix: replace(astray, gain=11_000.0)}  # where it went further at once, that holds
     monkeypatch.setattr(search, "judge_in_noise", lambda *_: pytest.fail("this need not be judged again"))
     assert not search._is_confirmed(bench, log, (base, base), rules, ((), ()))
+
+
+def test_what_forces_alone_find_stands_where_noise_found_nothing(bench, fitted, monkeypatch):  # noqa: F811
+    """A sensor's error under five times the noise had ended the command with an IndexError (reported seed 1129)."""
+    search = import_module("cartpend_dae.discover.search")
+    wave = fitted("imbalance", 600.0, 9.0)
+    nothing = Base((), {2.0: bench.fit((), {}, (2.0,), np.array([1e-3]))})
+    after = replace(nothing, taken=(wave.insertion,), weighed=SimpleNamespace())
+    rules = Rules("forces", (2.0,), 2.0, np.array([1e-3]))
+
+    def grown(bench, start, rules, library, max_steps, log):
+        log.steps.append(SimpleNamespace(candidate=wave))
+        return after
+
+    monkeypatch.setattr(search, "_forced", lambda *_: (rules, nothing))
+    monkeypatch.setattr(search, "_grow", grown)
+    noise_only = replace(rules, regime="noise")
+    regime, before, base = search._against_forces(bench, noise_only, (nothing, nothing), (), 3, Log())
+    assert regime.regime == "forces" and before is nothing and base is after

@@ -183,7 +183,7 @@ def _against_forces(
         log.back_to(before)
         return old
     may_stand = is_most(without[1]) and carries_over(bench, *without, noise)
-    is_told = bool(log.steps) and (
+    is_told = bool(log.steps and found) and (
         _is_weighed(log, found[0].candidate) or not _explains_less(bench, base, found[0].candidate, noise)
     )
     if may_stand and not is_told:
