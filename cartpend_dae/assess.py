@@ -118,9 +118,10 @@ def _run_error(
 ) -> RunError:
     if experiment.score != "free":
         experiment = replace(experiment, piece=None)
-    problem, truth, prediction = _predicted(system, experiment, bandwidth, step)
+    truth = np.column_stack([channel.values for channel in experiment.outputs.values()])
+    prediction = _predicted(system, experiment, truth, bandwidth, step)
     outputs = {}
-    for column, name in enumerate(problem.outputs):
+    for column, name in enumerate(experiment.outputs):
         error = truth[:, column] - prediction[:, column]
         rmse = float(np.sqrt(np.nanmean(error**2)))
         spread = float(np.nanstd(truth[:, column]))
@@ -134,30 +135,29 @@ def _run_error(
 
 
 def _predicted(
-    system: System, experiment: Experiment, bandwidth: float, step: float | None
-) -> tuple[Problem, np.ndarray, np.ndarray]:
-    """Return a problem with one run, what it measured (n, n_outputs) and its prediction, on finer steps if need be.
+    system: System, experiment: Experiment, truth: np.ndarray, bandwidth: float, step: float | None
+) -> np.ndarray:
+    """Predict what a run has measured, shape (n, n_outputs), on finer steps if need be.
 
     A model whose fastest motion was met nowhere near the start, as a stiff contact is, may diverge on steps of fixed
     length: of the method, not of the model. Its steps are halved until it does not, and halving them once more changes
     no more than a share of what is measured.
     """
+    spread = np.nanstd(truth, axis=0)
+    spread[spread == 0] = np.inf  # of what stays as it is only that it does not diverge is asked
     before, left = None, HALVINGS
     while True:
         problem = make_problem(system, (), (experiment,), step=step)
-        truth = np.column_stack([experiment.outputs[name].values for name in problem.outputs])
         try:
             prediction = _prediction(problem, experiment, bandwidth, step)
         except SolverError:
             if not left:
                 raise
             prediction = np.full_like(truth, np.inf)
-        spread = np.nanstd(truth, axis=0)
-        spread[spread == 0] = np.inf  # of what stays as it is only that it does not diverge is asked
         is_lost = _is_far(truth, prediction, LOST * spread)
         is_settled = before is None or not _is_far(before, prediction, SETTLED * spread)
         if not left or (is_settled and not is_lost):
-            return problem, truth, prediction
+            return prediction
         before, left = prediction, left - 1
         step = float(np.median(np.diff(experiment.time))) / problem.layout.substeps / 2
 

@@ -7,7 +7,7 @@ import numpy as np
 from cartpend_dae.discover.contact import is_other_law
 from cartpend_dae.discover.disturbed import ALIKE as ALIKE_WEIGHED
 from cartpend_dae.discover.disturbed import fitted, is_composite
-from cartpend_dae.discover.evidence import described, peaks_alone, price_of_corrections
+from cartpend_dae.discover.evidence import described, free_corrections, peaks_alone, price_of_corrections
 from cartpend_dae.discover.gate import is_clean, most_of_noise, residuals
 from cartpend_dae.discover.records import Candidate, Gate, Step
 from cartpend_dae.discover.state import Base, Rules
@@ -174,8 +174,8 @@ def _likeliest(bench: Workbench, tied: list[Candidate], base: Base, rules: Rules
 def _is_linear(candidate: Candidate) -> bool:
     """Return whether a law is linear in the motion, and fitted without a correction that makes it another one."""
     assert candidate.fit is not None
-    _, n_free = price_of_corrections(candidate.fit, candidate.insertion)
-    return set(candidate.insertion.card.regressors) <= LINEAR and not n_free
+    is_corrected = bool(free_corrections(candidate.fit, candidate.insertion))
+    return set(candidate.insertion.card.regressors) <= LINEAR and not is_corrected
 
 
 def _in_the_rig(tied: list[Candidate]) -> Candidate:
@@ -190,8 +190,9 @@ def _in_the_rig(tied: list[Candidate]) -> Candidate:
 def _plain_gain(candidate: Candidate) -> float:
     """Return by how much BIC falls with the law alone, without corrections of it that the data do not call for."""
     assert candidate.fit is not None
-    price, n_free = price_of_corrections(candidate.fit, candidate.insertion)
-    return candidate.gain + n_free * float(np.log(candidate.fit.n_residuals)) - price
+    n_free = len(free_corrections(candidate.fit, candidate.insertion))
+    charged = n_free * float(np.log(candidate.fit.n_residuals))
+    return candidate.gain + charged - price_of_corrections(candidate.fit, candidate.insertion)
 
 
 def _is_shapeless(candidate: Candidate, judged: list[Candidate], base: Base) -> bool:

@@ -369,4 +369,4 @@ def ordered(judged: list[Candidate], second: Callable[[Candidate, Candidate], st
 def _plain_gain(candidate: Candidate) -> float:
     """Return by how much -2 ln likelihood falls with the law alone, without what its corrections may gain by chance."""
     assert candidate.fit is not None
-    return candidate.gain - price_of_corrections(candidate.fit, candidate.insertion)[0]
+    return candidate.gain - price_of_corrections(candidate.fit, candidate.insertion)

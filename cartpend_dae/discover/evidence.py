@@ -60,17 +60,20 @@ def described(fit: Fit | None, insertion: Insertion) -> int:
     return determined(fit) - len(corrections)
 
 
-def price_of_corrections(fit: Fit, insertion: Insertion) -> tuple[float, int]:
-    """Return by how much the free corrections of a law may have raised its likelihood by chance, and their number.
+def free_corrections(fit: Fit, insertion: Insertion) -> list[Estimate]:
+    """Return the corrections of a law that are not on a bound in a fit."""
+    return [e for e in fit.parameters if e.name in insertion.correction_starts and e.status != "at-bound"]
 
-    The first is in -2 ln likelihood: without one chi^2 would be larger by the square of its ratio to its standard
-    deviation, and what the data call for costs a parameter.
+
+def price_of_corrections(fit: Fit, insertion: Insertion) -> float:
+    """Return by how much the free corrections of a law may have raised its likelihood by chance, of -2 ln likelihood.
+
+    Without one chi^2 would be larger by the square of its ratio to its standard deviation; what the data call for costs
+    a parameter.
     """
     without = {name: starts[0] for name, starts in insertion.correction_starts.items()}
-    free = [e for e in fit.parameters if e.name in without and e.status != "at-bound"]
-    most = float(np.log(fit.n_residuals))
-    squares = [((e.value - without[e.name]) / e.sd) ** 2 if e.sd > 0 else 0.0 for e in free]
-    return sum(min(square, most) for square in squares), len(free)
+    free, most = free_corrections(fit, insertion), float(np.log(fit.n_residuals))
+    return sum(min(((e.value - without[e.name]) / e.sd) ** 2, most) if e.sd > 0 else 0.0 for e in free)
 
 
 def ended_at_zero(fit: Fit, insertion: Insertion) -> frozenset[str]:
