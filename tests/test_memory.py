@@ -77,18 +77,19 @@ def test_lugre_friction_slides_on_the_curve_of_stribeck_and_begins_with_one_stif
 
 
 @both
-def test_springs_that_slip_go_along_straight_lines_and_turn_at_half_the_scale(kind):
-    element = kind[2].MaxwellSlipFriction(**{kind[7]: LEVEL, kind[8]: LENGTH})
+@pytest.mark.parametrize("p", [0.0, 1.0])
+def test_springs_that_slip_go_along_straight_lines_and_turn_at_half_the_scale(kind, p):
+    element = kind[2].MaxwellSlipFriction(p=p, **{kind[7]: LEVEL, kind[8]: LENGTH})
     amplitude, f = 1.5 * LENGTH, 0.1
     result = run(moved(kind, element, s.Sine(amplitude=amplitude, f=f), "position"), 7.5, points=301)
     way, force = result[f"source.flange.{kind[5]}"], result[f"element.{kind[6]}"]
 
     def first(x):
-        return LEVEL * np.mean([np.minimum(4 * x / (k * LENGTH), 1) for k in (1, 2, 3, 4)], axis=0)
+        return LEVEL * np.mean([np.minimum(x / LENGTH * (4 / k) ** (1 + p), 1) for k in (1, 2, 3, 4)], axis=0)
 
     rising, back = result.time <= 2.5, result.time > 2.5
     # as far beyond as the motion goes in T_0, which matters at corners alone
-    close = 4 * LEVEL / LENGTH * 2 * np.pi * f * amplitude * 0.0005
+    close = 4 ** (1 + p) * LEVEL / LENGTH * 2 * np.pi * f * amplitude * 0.0005
     assert force[rising] == pytest.approx(first(way[rising]), abs=close)
     assert force[back] == pytest.approx(LEVEL - 2 * first((amplitude - way[back]) / 2), abs=close)
 

@@ -136,17 +136,31 @@ def cancelled(fit: Fit, one: Insertion, others: tuple[Insertion, ...]) -> str:
     return ""
 
 
-def taken_back(fit: Fit, some: Iterable[str], others: Iterable[str]) -> tuple[tuple[str, str], float]:
+def taken_back(
+    fit: Fit, some: Iterable[str], others: Iterable[str], left: float = 1.0
+) -> tuple[tuple[str, str], float]:
     """Return the first two parameters that take each other back, and their correlation; 0 where none do.
 
-    Their contributions are opposite and nearly parallel.
+    Their contributions are opposite and nearly parallel, and no more than `left` of the larger one remains.
     """
     at, correlation = {e.name: i for i, e in enumerate(fit.parameters)}, fit.correlation
     for j, i in product((at[n] for n in others if n in at), (at[n] for n in some if n in at)):
-        r = float(correlation[i, j])
-        if i != j and abs(r) > ONE and r * fit.parameters[i].value * fit.parameters[j].value > 0:
-            return (fit.parameters[i].name, fit.parameters[j].name), r
+        r, one, other = float(correlation[i, j]), fit.parameters[i], fit.parameters[j]
+        if i != j and abs(r) > ONE and r * one.value * other.value > 0 and _remains(one, other) <= left:
+            return (one.name, other.name), r
     return ("", ""), 0.0
+
+
+def _remains(one: Estimate, other: Estimate) -> float:
+    """Return what two opposite contributions leave of the larger one.
+
+    Where they are parallel the standard deviation of each is one over the length of what it changes, but for a factor
+    that both have in common; without one nothing is known to remain.
+    """
+    if not all(0 < e.sd < np.inf for e in (one, other)):
+        return 0.0
+    smaller, larger = sorted(abs(e.value) / e.sd for e in (one, other))
+    return 1 - smaller / larger if larger > 0 else 0.0
 
 
 def lead(one: Fit, other: Fit) -> float:

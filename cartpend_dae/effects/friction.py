@@ -215,13 +215,17 @@ def friction_cards() -> tuple[Card, ...]:
             summary="friction of several contacts that slip one after the other",
             insertion="parallel",
             components={R: rotational_losses.MaxwellSlipFriction, T: translational_losses.MaxwellSlipFriction},
-            parameters=(level("tau_c", "f_c"), PHI_S),
+            parameters=(
+                level("tau_c", "f_c"),
+                PHI_S,
+                shape("p", (0.0, 1.0), lower=-0.5, upper=3.0, corrects=True),
+            ),
             dissipative=True,
             nested_in=(),
             equivalent_to={"dahl_friction": "swings that are long against the presliding length"},
             regressors=("sign v", "x"),
             excited_by="small reversals of several widths around rest",
             source="F. Al-Bender, V. Lampaert, J. Swevers, IEEE Trans. Autom. Control 50 (2005), 1883-1887, "
-            "10.1109/TAC.2005.858676",
+            "10.1109/TAC.2005.858676; its power: D. J. Segalman, J. Appl. Mech. 72 (2005), 752-760, 10.1115/1.1989354",
         ),
     )

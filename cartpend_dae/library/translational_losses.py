@@ -150,8 +150,9 @@ class LuGreFriction(CompliantWithSpeed):
 class MaxwellSlipFriction(CompliantWithSpeed):
     """Maxwell-slip friction, f = f_c (y_1 + y_2 + y_3 + y_4)/4: four springs that slip one after the other.
 
-    Spring k slips after the way k s_s/4: der(z_k) = v/(k s_s/4) - (z_k - y_k)/T_0, v = v_rel; y_k is z_k cut off at
-    -1 and 1. While it slips z_k is beyond by 4 v T_0/(k s_s), of which nothing is left when the motion turns.
+    Spring k slips after the way s = s_s (k/4)^(1 + p): der(z_k) = v/s - (z_k - y_k)/T_0, v = v_rel; y_k is z_k cut
+    off at -1 and 1. While it slips z_k is beyond by v T_0/s, of which nothing is left when the motion turns. With p > 0
+    most of the contacts slip early, as in joints whose contacts have limits of a density that falls with a power.
     """
 
     z_1 = var(unit="1", doc="deflection of the first spring, slipping beyond -1 and 1")
@@ -160,11 +161,13 @@ class MaxwellSlipFriction(CompliantWithSpeed):
     z_4 = var(unit="1", doc="deflection of the fourth spring")
     f_c: Param = param(unit="N", default=0.0, min=0, doc="Coulomb level")
     s_s: Param = param(unit="m", default=0.002, min=0, doc="way after which all slip")
+    p: Param = param(unit="1", default=0.0, min=-0.5, max=3.0, doc="by how much the power of their ways is more than 1")
     T_0: Param = param(unit="s", default=SHORTEST, min=0, doc="shortest time of change", is_shortest_time=True)
 
     def equations(self) -> Statements:
         yield from super().equations()
         springs = (self.z_1, self.z_2, self.z_3, self.z_4)
         for k, z in enumerate(springs, start=1):
-            yield der(z) == slipping_rate(z, self.v_rel, k * self.s_s / 4, self.T_0)
+            way = self.s_s * (k / 4) ** (1 + self.p)
+            yield der(z) == slipping_rate(z, self.v_rel, way, self.T_0)
         yield self.f == self.f_c * sum(z - beyond(z, -1.0, 1.0) for z in springs) / 4
