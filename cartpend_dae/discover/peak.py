@@ -15,7 +15,7 @@ from cartpend_dae.discover.screen import screen
 from cartpend_dae.discover.state import Base, Rules
 from cartpend_dae.discover.trial import MIN_BIC_GAIN
 from cartpend_dae.discover.workbench import Workbench
-from cartpend_dae.effects import Card, Insertion, Place, fits
+from cartpend_dae.effects import Card, Insertion, fits
 from cartpend_dae.errors import SolverError
 
 _Model = tuple[Base, list[Step]]
@@ -49,19 +49,26 @@ def with_peak_at_rest(bench: Workbench, base: Base, steps: list[Step], rules: Ru
         card, place = old.candidate.insertion.card, old.candidate.insertion.place
         if card.peaks or not is_dry(card):
             continue
-        rich = [other for other in library[0] if other.peaks and other.id in card.nested_in and fits(other, place)]
-        found = _peaked(bench, base, old, rich, place, rules)
+        laws = [other for other in library[0] if is_dry(other) and other.id != card.id and fits(other, place)]
+        found = _peaked(bench, base, old, laws, rules)
         if found is not None:
             base, law = found
             steps = [step_of(law, residuals(base.fit), [law, old.candidate]) if step is old else step for step in steps]
     return base, steps
 
 
-def _peaked(
-    bench: Workbench, base: Base, old: Step, cards: list[Card], place: Place, rules: Rules
-) -> tuple[Base, Candidate] | None:
-    """Return the model with the best of some laws in the place of one, and that law; None if it tells no peak."""
+def _peaked(bench: Workbench, base: Base, old: Step, cards: list[Card], rules: Rules) -> tuple[Base, Candidate] | None:
+    """Return the model with the best of some laws in the place of one, and that law; None if no peak is told."""
+    good = _better(bench, base, old, [card for card in cards if card.peaks], rules)
+    if good:
+        good += _better(bench, base, old, [card for card in cards if not card.peaks], rules)
+    return max(good, key=lambda model: model[1].gain, default=None)
+
+
+def _better(bench: Workbench, base: Base, old: Step, cards: list[Card], rules: Rules) -> list[tuple[Base, Candidate]]:
+    """Return the models with one of some laws in the place of one whose BIC is clearly less, and those laws."""
     told = old.candidate
+    place = told.insertion.place
     laws = [Insertion(card, place, start) for card in cards for start in card.starts(place.kind)]
     others = tuple(i for i in base.taken if i.prefix != told.insertion.prefix)
     good: list[tuple[Base, Candidate]] = []
@@ -76,7 +83,7 @@ def _peaked(
             after = Base((*others, law.insertion), {bench.last: fit}, base.bare)
             found = as_fitted(law, fit, base.fit)
             good.append((after, replace(found, gain=told.gain + found.gain)))
-    return max(good, key=lambda model: model[1].gain, default=None)
+    return good
 
 
 def _promising(bench: Workbench, base: Base, laws: list[Insertion], rules: Rules) -> list[Candidate]:
