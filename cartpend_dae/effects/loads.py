@@ -99,7 +99,7 @@ def load_cards() -> tuple[Card, ...]:
             summary="loss in the iron of a machine that turns",
             insertion="parallel",
             components={R: rotational_losses.IronLoss},
-            parameters=(level("d"), level("tau_c")),
+            parameters=(level("d"), level("tau_c"), size("tau_e", lower=0.0, corrects=True)),
             dissipative=True,
             nested_in=(),
             equivalent_to={
