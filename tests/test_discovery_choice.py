@@ -234,7 +234,8 @@ def test_a_law_that_was_tried_in_several_shapes_gives_way_to_one_with_a_number_o
     narrow = fitted("hysteresis", 3004.0, 0.2 * plain_fit.chi2, c_h=5.0, z_h=0.02, beta=0.7)
     two = [replace(c, fit=replace(noise, parameters=c.fit.parameters)) for c in (dahl, narrow)]
     assert names(ordered_by_bic(bench, two, base, rules))[0] == "hysteresis"
-    two[1] = replace(two[1], gain=2999.0)
+    # with beta at its bound both are one law, and their criteria differ by rounding
+    two[1] = replace(two[1], gain=3000.001)
     assert names(ordered_by_bic(bench, two, base, rules))[0] == "dahl_friction"
 
 

@@ -144,7 +144,7 @@ def _margin(candidate: Candidate, best: Candidate) -> float:
     """
     assert candidate.fit is not None and best.fit is not None
     if _lacks_one_shape(candidate, best):
-        return 0.0
+        return NEAR
     share = ALIKE_WHITE if is_clean(candidate.fit) else ALIKE_SHARE
     # so many percent of chi2 are so many percent of the number of residuals in BIC, which has the logarithm of chi2
     return max(ALIKE, share * best.fit.n_residuals)
@@ -153,8 +153,8 @@ def _margin(candidate: Candidate, best: Candidate) -> float:
 def _lacks_one_shape(simple: Candidate, rich: Candidate) -> bool:
     """Return whether a law of a contact that was tried in several shapes has one number of shape less than another one.
 
-    Its own shapes are not the right one then, and the criterion alone decides: hysteresis, whose loop may be narrower
-    than that of Dahl friction, had been taken for it at 5 standard deviations of that number (reported seed 1129).
+    Its own shapes are not the right one then, and BIC decides: hysteresis, whose loop may be narrower than that of Dahl
+    friction, had been taken for it at 5 standard deviations of that number (reported seed 1129).
     """
     one, other = simple.insertion, rich.insertion
     is_by_shape = len(one.size_names) == len(other.size_names) and other.complexity == one.complexity + 1
