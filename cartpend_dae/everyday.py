@@ -2,6 +2,9 @@
 
 import math
 
+# a value whose standard deviation is so many times larger is hardly known, and shown with its own digits
+HARDLY = 1e3
+
 
 def for_people(unit: str) -> tuple[float, str]:
     """Return the factor and the unit in which a quantity is shown: degrees for radians, else as it is."""
@@ -26,6 +29,8 @@ def uncertain(value: float, sd: float | None) -> str:
         return f"{value:.4g}"
     if sd == 0 or not math.isfinite(value):
         return f"{value:.6g} ± {sd:.2g}"
+    if sd > HARDLY * abs(value) > 0:
+        return f"{value:.4g} ± {sd:.2g}"
     decimals = 1 - math.floor(math.log10(sd))
     if decimals > 8 or abs(value) >= 1e7:
         return f"{value:.{max(3, decimals + math.floor(math.log10(abs(value) or sd)) + 1)}g} ± {sd:.2g}"

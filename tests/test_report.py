@@ -152,6 +152,7 @@ def test_csv_holds_measured_values_and_what_the_error_is_made_of():
         (0.5, math.nan, "0.5"),
         (0.5, None, "0.5"),
         (1.234e9, 2e6, "1.234e+09 ± 2e+06"),
+        (0.8222566, 4.93e32, "0.8223 ± 4.9e+32"),
     ],
 )
 def test_a_value_is_written_to_the_digit_that_its_sd_allows(value, sd, text):
