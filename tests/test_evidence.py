@@ -44,10 +44,11 @@ def test_the_lead_does_not_depend_on_units_nor_on_values_that_are_missing():
 def test_percent_of_chi2_are_percent_of_the_residuals_in_bic_however_large_chi2_is(monkeypatch, z, share):
     """BIC has n ln chi2: a model that leaves some percent less gains as many of n, also where chi2 is 1000 times n."""
     monkeypatch.setattr(gate, "residuals", lambda fit: SimpleNamespace(largest=z))
+    insertion = SimpleNamespace(size_names=(), complexity=1, card=SimpleNamespace(parameters=()))
     found = [
         choice._margin(candidate, candidate)
         for chi2 in (1e3, 1e6)
-        for candidate in [SimpleNamespace(fit=SimpleNamespace(chi2=chi2, n_residuals=2000))]
+        for candidate in [SimpleNamespace(insertion=insertion, fit=SimpleNamespace(chi2=chi2, n_residuals=2000))]
     ]
     assert found == [share * 2000] * 2
 

@@ -86,6 +86,7 @@ ALL = {
     "dahl_friction": 300.0,
     "maxwell_slip_friction": 300.0,
     "hysteresis": 300.0,
+    "iron_loss": 300.0,
 }
 
 
